@@ -169,6 +169,8 @@ def unsupported(spec: DesignSpec) -> str | None:
     digital, alpha = spec.digital, spec.controller.alpha
     if spec.controller.has_derivative:
         return f"the convex path knows no derivative; use the solver ipopt for structure: {spec.controller.structure}"
+    if spec.controller.measurement_filter is not None:
+        return "the convex path knows no measurement_filter; use the solver ipopt"
     if digital is not None and digital.designs_sampled and digital.method == "fit" and not alpha.is_fixed:
         return "the convex path takes a fitted filter for a fixed alpha only: it is no smooth function of alpha"
     for requirement in spec.requirements:

@@ -1,15 +1,23 @@
-"""The controllers that are designed:  kp + ki s^-alpha + kd s^mu/(Tf s + 1), and its special cases.
+"""The controllers that are designed:  F(s) (kp + ki s^-alpha + kd s^mu/(Tf s + 1)), and its special cases.
 
-A PID is that with alpha = mu = 1; without the derivative it is kp + ki s^-alpha.
+A PID is that with alpha = mu = 1; without the derivative it is kp + ki s^-alpha.  F filters the measurement before all
+terms, 1/(1 + sT) or 1/(1 + sT + s^2 T^2/2); without one F = 1.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, NamedTuple
 
+from fopi_tune.core.measurement_filter import (
+    MeasurementFilter,
+    check_finite,
+    filter_not_available,
+    filter_numbers,
+    filter_of,
+)
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -30,14 +38,15 @@ IMPROPER = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FoPi:
-    """Gains of the fractional PI controller C(s) = kp + ki s^-alpha, on the principal branch.
+    """Gains of the fractional PI controller C(s) = F(s) (kp + ki s^-alpha), on the principal branch.
 
     Args:
         kp: proportional gain, in control per output unit; any sign.
         ki: integral gain, in kp's unit times (rad/s)^alpha; any sign.
         alpha: order of the integral, 0 < alpha < 2; 1 is the ordinary PI.
+        measurement_filter: F; None is 1.
 
     Raises:
         DomainError: a gain is not finite, or alpha lies outside (0, 2).
@@ -46,6 +55,12 @@ class FoPi:
     kp: float
     ki: float
     alpha: float
+    measurement_filter: MeasurementFilter | None = field(default=None, kw_only=True)
+
+    def __repr__(self) -> str:
+        numbers = [each.name for each in fields(self) if each.repr and each.name != "measurement_filter"]
+        shown = [*numbers, "measurement_filter"] if self.measurement_filter is not None else numbers
+        return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
     def __post_init__(self) -> None:
         for name in ("kp", "ki", "alpha"):
@@ -59,17 +74,22 @@ class FoPi:
         return self.kp == 0.0 and self.ki == 0.0
 
     def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
-        """C(s) at complex numbers of any shape, s not 0 where there is an integral."""
+        """C(s), filter included, at complex numbers of any shape, s not 0 where there is an integral."""
         import numpy as np  # the command line reads gains before it needs arrays
 
         points = np.asarray(s, dtype=complex)
-        integral = self.ki * points**-self.alpha if self.ki != 0.0 else np.zeros_like(points)
-        return np.asarray(self.kp + integral, dtype=complex)
+        terms = self._terms(points)
+        return terms if self.measurement_filter is None else self.measurement_filter(points) * terms
+
+    def _terms(self, points: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """C(s)/F(s)."""
+        integral = self.ki * points**-self.alpha if self.ki != 0.0 else 0.0 * points
+        return self.kp + integral
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FoPid(FoPi):
-    """Gains of C(s) = kp + ki s^-alpha + kd s^mu/(Tf s + 1), on the principal branch.
+    """Gains of C(s) = F(s) (kp + ki s^-alpha + kd s^mu/(Tf s + 1)), on the principal branch.
 
     Args:
         kp: proportional gain, in control per output unit; any sign.
@@ -79,6 +99,7 @@ class FoPid(FoPi):
         mu: order of the derivative, 0 < mu <= 1.
         derivative_filter_time_constant_s: Tf > 0, s; with it |C| stays finite as omega -> infinity, where C -> kp, or
             kp + kd/Tf with mu = 1.
+        measurement_filter: F; None is 1.
 
     Raises:
         DomainError: a gain is not finite, alpha or mu lies outside its range, or Tf is not a positive number.
@@ -107,18 +128,14 @@ class FoPid(FoPi):
         """Whether C = 0: there is no controller."""
         return super().is_zero and self.kd == 0.0
 
-    def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
-        """C(s) at complex numbers of any shape, s not 0 where there is an integral."""
-        import numpy as np  # the command line reads gains before it needs arrays
-
-        points = np.asarray(s, dtype=complex)
+    def _terms(self, points: NDArray[np.complex128]) -> NDArray[np.complex128]:
         power = points if self.mu == 1.0 else points**self.mu
-        return super().__call__(points) + self.kd * power / (self.derivative_filter_time_constant_s * points + 1.0)
+        return super()._terms(points) + self.kd * power / (self.derivative_filter_time_constant_s * points + 1.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Pid(FoPid):
-    """Gains of C(s) = kp + ki/s + kd s/(Tf s + 1).
+    """Gains of C(s) = F(s) (kp + ki/s + kd s/(Tf s + 1)).
 
     Args:
         kp: proportional gain, in control per output unit; any sign.
@@ -127,6 +144,7 @@ class Pid(FoPid):
         kd: derivative gain, in kp's unit times s; any sign.
         mu: order of the derivative, dimensionless: 1.
         derivative_filter_time_constant_s: Tf > 0, s; it keeps |C| finite as omega -> infinity, where C -> kp + kd/Tf.
+        measurement_filter: F; None is 1.
 
     Raises:
         DomainError: a gain is not finite, or Tf is not a positive number.
@@ -134,16 +152,6 @@ class Pid(FoPid):
 
     alpha: float = field(default=1.0, init=False)
     mu: float = field(default=1.0, init=False, repr=False)
-
-
-def check_finite(name: str, value: float) -> None:
-    """Refuse a gain that is no finite number.
-
-    Raises:
-        DomainError: it is not.
-    """
-    if not math.isfinite(value):
-        raise DomainError(f"{name} = {value!r} is not a finite number; give a finite gain")
 
 
 class Derivative(NamedTuple):
@@ -201,6 +209,16 @@ def refuse_derivative_order_in(controller: FoPi, what: str) -> None:
         raise DomainError(not_available(what, "fopid"))
 
 
+def refuse_measurement_filter_in(controller: FoPi, what: str) -> None:
+    """Refuse a computation that knows the terms of a controller alone.
+
+    Raises:
+        DomainError: the controller filters its measurement.
+    """
+    if controller.measurement_filter is not None:
+        raise DomainError(filter_not_available(what))
+
+
 def not_available(what: str, structure: str) -> str:
     """What is said where a stage does not know a structure."""
     return f"{what} is not available for structure: {structure} in this version; leave it out"
@@ -213,14 +231,15 @@ def controller_of(numbers: Mapping[str, float]) -> FoPi:
         DomainError: as of the controllers themselves; kd without mu beside an alpha other than 1.
     """
     kp, ki, alpha = numbers["kp"], numbers["ki"], numbers.get("alpha", 1.0)
+    filtered = filter_of(numbers)
     if "kd" not in numbers:
-        return FoPi(kp, ki, alpha)
+        return FoPi(kp, ki, alpha, measurement_filter=filtered)
     kd, filter_s = (numbers[name] for name in DERIVATIVE_NAMES)
     if ORDER_NAME in numbers:
-        return FoPid(kp, ki, alpha, kd, numbers[ORDER_NAME], filter_s)
+        return FoPid(kp, ki, alpha, kd, numbers[ORDER_NAME], filter_s, measurement_filter=filtered)
     if alpha != 1.0:
         raise DomainError(f"alpha = {alpha!r} beside a kd without mu; the integral of a PID has order 1")
-    return Pid(kp, ki, kd, filter_s)
+    return Pid(kp, ki, kd, filter_s, measurement_filter=filtered)
 
 
 def numbers_of(controller: FoPi) -> dict[str, float]:
@@ -229,7 +248,8 @@ def numbers_of(controller: FoPi) -> dict[str, float]:
     if isinstance(controller, FoPid):
         numbers |= {name: getattr(controller, name) for name in DERIVATIVE_NAMES}
         numbers |= {} if isinstance(controller, Pid) else {ORDER_NAME: controller.mu}
-    return numbers
+    filtered = controller.measurement_filter
+    return numbers if filtered is None else numbers | filter_numbers(filtered)
 
 
 @dataclass(frozen=True)
@@ -261,6 +281,7 @@ class ControllerSpec:
         derivative_filter_time_constant_s: Tf of kd s^mu/(Tf s + 1); 0 where there is no derivative.
         setpoint_weight: b of kp (b r - y), any finite number; the loop does not depend on it.
         mu: order of the derivative, of structure fopid alone; else None.
+        measurement_filter: F, of the measurement before all terms; None is 1.
     """
 
     kp: GainRange
@@ -270,6 +291,7 @@ class ControllerSpec:
     derivative_filter_time_constant_s: float = 0.0
     setpoint_weight: float = 1.0
     mu: GainRange | None = None
+    measurement_filter: MeasurementFilter | None = None
 
     @property
     def has_derivative(self) -> bool:
@@ -307,13 +329,14 @@ class ControllerSpec:
         return self.controller(self.kp.min, self.ki.min, self.alpha.min, self.kd.min, **order)
 
     def has_structure_of(self, controller: FoPi) -> bool:
-        """Whether a controller is of this structure: with the same filter of a derivative, or without a derivative.
+        """Whether a controller is of this structure: with the same filters, or without a derivative.
 
         A `Pid` is one of structure fopid too.
         """
         filter_s = controller.derivative_filter_time_constant_s if isinstance(controller, FoPid) else 0.0
         is_of = isinstance(controller, FoPid) if self.has_derivative_order else structure_of(controller) != "fopid"
-        return is_of and filter_s == self.derivative_filter_time_constant_s
+        same = controller.measurement_filter == self.measurement_filter
+        return is_of and same and filter_s == self.derivative_filter_time_constant_s
 
     def refuse_derivative(self, what: str) -> None:
         """Refuse a stage that does not know the derivative.
@@ -333,6 +356,15 @@ class ControllerSpec:
         if self.has_derivative_order:
             raise DomainError(not_available(what, self.structure))
 
+    def refuse_measurement_filter(self, what: str) -> None:
+        """Refuse a stage that does not know the measurement filter.
+
+        Raises:
+            DomainError: the measurement is filtered.
+        """
+        if self.measurement_filter is not None:
+            raise DomainError(filter_not_available(what))
+
     def refuse_setpoint_weight(self, what: str) -> None:
         """Refuse a stage that knows the control error alone.
 
@@ -347,8 +379,9 @@ class ControllerSpec:
 
     def controller(self, kp: float, ki: float, alpha: float, kd: float = 0.0, mu: float = 1.0) -> FoPi:
         """The controller with these gains in this box's structure."""
+        filter_s, filtered = self.derivative_filter_time_constant_s, self.measurement_filter
         if self.has_derivative_order:
-            return FoPid(kp, ki, alpha, kd, mu, self.derivative_filter_time_constant_s)
+            return FoPid(kp, ki, alpha, kd, mu, filter_s, measurement_filter=filtered)
         if self.has_derivative:
-            return Pid(kp, ki, kd, self.derivative_filter_time_constant_s)
-        return FoPi(kp, ki, alpha)
+            return Pid(kp, ki, kd, filter_s, measurement_filter=filtered)
+        return FoPi(kp, ki, alpha, measurement_filter=filtered)

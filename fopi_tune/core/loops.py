@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, contiguous_rows
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Derivatives, Rows, contiguous_rows
 from fopi_tune.core.controller import FoPi, derivative_of
-from fopi_tune.core.derivatives import Derivatives
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.plant import Plant, PlantFamily
+from fopi_tune.core.roots import leading_coefficients, polynomial_at, polynomial_roots, times
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -23,49 +24,6 @@ if TYPE_CHECKING:
 
 #: relative; a root this close to the imaginary axis is treated as one just inside the left half-plane
 _AXIS_TOLERANCE = 1e-9
-
-
-def _pairs(first: Rows, last: Rows) -> set[tuple[int, int]]:
-    """The different pairs of two columns; most families have one."""
-    if len(first) and np.all(first == first[0]) and np.all(last == last[0]):
-        return {(int(first[0]), int(last[0]))}
-    return set(zip(first.tolist(), last.tolist(), strict=True))
-
-
-def polynomial_roots(coefficients: Array) -> Complex:
-    """Roots of m polynomials.
-
-    Args:
-        coefficients: shape (m, n + 1), descending powers.
-
-    Returns:
-        Shape (m, n); exact zeros for roots at the origin, inf in place of roots that leading zero coefficients remove.
-
-    Raises:
-        DomainError: a quotient of coefficients is beyond the range of floating-point numbers.
-    """
-    rows, width = coefficients.shape
-    roots = np.full((rows, width - 1), np.inf + 0j, dtype=complex)
-    nonzero = coefficients != 0.0
-    first = np.argmax(nonzero, axis=1)
-    last = width - 1 - np.argmax(nonzero[:, ::-1], axis=1)
-    for start, stop in _pairs(first, last):
-        group = np.flatnonzero((first == start) & (last == stop))
-        degree = stop - start
-        roots[group, degree : degree + width - 1 - stop] = 0.0
-        if degree:
-            companion = np.zeros((len(group), degree, degree))
-            companion[:, 1:, :-1] = np.eye(degree - 1)
-            with np.errstate(over="ignore"):
-                companion[:, 0, :] = -coefficients[group, start + 1 : stop + 1] / coefficients[group, start, None]
-            if not np.isfinite(companion).all():
-                raise DomainError(
-                    "coefficients of a plant's polynomial differ by more than a floating-point number can hold; "
-                    "take numbers of the plant that are neither that small nor that large"
-                )
-            # the eigenvalue of a single number is that number
-            roots[group, :degree] = companion[:, 0] if degree == 1 else np.linalg.eigvals(companion)
-    return roots
 
 
 @dataclass(frozen=True)
@@ -162,6 +120,7 @@ class Loops:
         kp, ki, alpha: shape (m,).
         plants: m plants.
         derivatives: beside the integral; None: C = kp + ki s^-alpha.
+        measurement_filter: F, a factor of every C; None is 1.
     """
 
     kp: Array
@@ -169,6 +128,7 @@ class Loops:
     alpha: Array
     plants: Plants
     derivatives: Derivatives | None = field(default=None, kw_only=True)
+    measurement_filter: MeasurementFilter | None = field(default=None, kw_only=True)
 
     @classmethod
     def of(cls, controller: FoPi, plants: Plants) -> Loops:
@@ -176,7 +136,10 @@ class Loops:
         ones = np.ones(len(plants))
         kd, mu, filter_s = derivative_of(controller)
         derivatives = Derivatives(kd * ones, mu * ones, filter_s * ones) if kd != 0.0 else None
-        return cls(controller.kp * ones, controller.ki * ones, controller.alpha * ones, plants, derivatives=derivatives)
+        return cls(
+            controller.kp * ones, controller.ki * ones, controller.alpha * ones, plants, derivatives=derivatives,
+            measurement_filter=controller.measurement_filter,
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.kp)
@@ -184,7 +147,10 @@ class Loops:
     def take(self, rows: Rows) -> Loops:
         """Select rows."""
         derivatives = None if self.derivatives is None else self.derivatives.take(rows)
-        return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), derivatives=derivatives)
+        return Loops(
+            self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), derivatives=derivatives,
+            measurement_filter=self.measurement_filter,
+        )  # fmt: skip
 
     @cached_property
     def computed(self) -> dict[str, Any]:
@@ -246,12 +212,27 @@ class Loops:
         parts = self.kp[row], self.ki[row] * omega ** -self.alpha[row], self.derivatives.response(row, omega)
         size = sum((np.abs(part) for part in parts), np.zeros(len(row)))
         found = np.any(on_axis & (poles == 0.0), axis=1) & (self.kp == 0.0) & (self.ki == 0.0)
-        found[row[np.abs(self.controller_response(row, omega)) <= _AXIS_TOLERANCE * size]] = True
+        found[row[np.abs(self._terms_response(row, omega)) <= _AXIS_TOLERANCE * size]] = True
         return found
 
     @cached_property
     def log_controller(self) -> BodeForm:
-        """ln C; the phase tends to -90 deg alpha as omega -> 0, where the integral dominates.
+        """ln C with its measurement filter.
+
+        Raises:
+            DomainError: all gains are 0: there is no loop.
+        """
+        found = self._log_terms
+        return found if self._filter_in_s is None else found + self._filter_in_s.log(len(self))
+
+    @property
+    def _filter_in_s(self) -> MeasurementFilter | None:
+        """F as a function of j e^u."""
+        return self.measurement_filter
+
+    @cached_property
+    def _log_terms(self) -> BodeForm:
+        """ln(C/F); the phase tends to -90 deg alpha as omega -> 0, where the integral dominates.
 
         Raises:
             DomainError: all gains are 0: there is no loop.
@@ -300,7 +281,12 @@ class Loops:
         return lead if self.derivatives is None else np.where(lead != 0.0, lead, self.derivatives.kd)
 
     def controller_response(self, rows: Rows, omega: Array) -> Complex:
-        """C(j omega) on the principal branch; rows and omega of shape (n,)."""
+        """C(j omega), filter included, on the principal branch; rows and omega of shape (n,)."""
+        terms = self._terms_response(rows, omega)
+        return terms if self.measurement_filter is None else terms * self.measurement_filter(1j * omega)
+
+    def _terms_response(self, rows: Rows, omega: Array) -> Complex:
+        """C/F at j omega."""
         angle = 0.5 * np.pi * self.alpha[rows]
         pi = self.kp[rows] + self.ki[rows] * omega ** -self.alpha[rows] * (np.cos(angle) - 1j * np.sin(angle))
         return pi if self.derivatives is None else pi + self.derivatives.response(rows, omega)
@@ -336,27 +322,19 @@ class Loops:
 
     @property
     def _polynomials(self) -> tuple[Array, Array]:
-        plants = self.plants
-        return np.ascontiguousarray(plants.numerator, dtype=float), np.ascontiguousarray(
-            plants.denominator, dtype=float
-        )
+        """Of P F, whose zeros and poles all are on the left or are the plant's."""
+        top, bottom = self._filter_polynomials
+        sides = (self.plants.numerator, top), (self.plants.denominator, bottom)
+        numerator, denominator = (np.ascontiguousarray(times(rows, factor), dtype=float) for rows, factor in sides)
+        return numerator, denominator
+
+    @property
+    def _filter_polynomials(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Numerator and denominator of F in the plants' variable, descending powers."""
+        return (1.0,), (1.0,) if self.measurement_filter is None else self.measurement_filter.coefficients
 
 
 NDArrayInt = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
-
-
-def polynomial_at(coefficients: Array, s: Complex) -> Complex:
-    """Polynomials of shape (n, d + 1), descending powers, at one point s each, shape (n,)."""
-    value = np.zeros_like(s)
-    for k in range(coefficients.shape[1]):
-        value = value * s + coefficients[:, k]
-    return value
-
-
-def leading_coefficients(coefficients: Array) -> Array:
-    """The first nonzero coefficient of each row, shape (m,)."""
-    first = np.argmax(coefficients != 0.0, axis=1)
-    return coefficients[np.arange(len(coefficients)), first]
 
 
 def _share_a_root_on_the_axis(zeros: Complex, poles: Complex) -> NDArray[np.bool_]:

@@ -1,6 +1,6 @@
-"""All roots of smooth functions on intervals, by bisection with a bound of the second derivative.
+"""All roots:  of polynomials by eigenvalues, of smooth functions on intervals by bisection.
 
-A cell [a, b] with centre c and half-width h, and a bound B of |f''| on it, holds
+A cell [a, b] with centre c and half-width h, and a bound B of a function's |f''| on it, holds
 
     no root          if |f(c)| > |f'(c)| h + B h^2/2 ,
     at most one      if |f'(c)| > B h   (f is monotone there) ,
@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, Rows
+from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.errors import DomainError
 
 #: (rows, u) -> (value, slope)
@@ -173,3 +173,70 @@ def merged(touching: list[tuple[Rows, Array]]) -> tuple[Rows, Array]:
     keep = np.ones(len(r), dtype=bool)
     keep[1:] = (r[1:] != r[:-1]) | (u[1:] - u[:-1] > 10 * SMALLEST_WIDTH)
     return r[keep], u[keep]
+
+
+def _pairs(first: Rows, last: Rows) -> set[tuple[int, int]]:
+    """The different pairs of two columns; most families have one."""
+    if len(first) and np.all(first == first[0]) and np.all(last == last[0]):
+        return {(int(first[0]), int(last[0]))}
+    return set(zip(first.tolist(), last.tolist(), strict=True))
+
+
+def polynomial_roots(coefficients: Array) -> Complex:
+    """Roots of m polynomials.
+
+    Args:
+        coefficients: shape (m, n + 1), descending powers.
+
+    Returns:
+        Shape (m, n); exact zeros for roots at the origin, inf in place of roots that leading zero coefficients remove.
+
+    Raises:
+        DomainError: a quotient of coefficients is beyond the range of floating-point numbers.
+    """
+    rows, width = coefficients.shape
+    roots = np.full((rows, width - 1), np.inf + 0j, dtype=complex)
+    nonzero = coefficients != 0.0
+    first = np.argmax(nonzero, axis=1)
+    last = width - 1 - np.argmax(nonzero[:, ::-1], axis=1)
+    for start, stop in _pairs(first, last):
+        group = np.flatnonzero((first == start) & (last == stop))
+        degree = stop - start
+        roots[group, degree : degree + width - 1 - stop] = 0.0
+        if degree:
+            companion = np.zeros((len(group), degree, degree))
+            companion[:, 1:, :-1] = np.eye(degree - 1)
+            with np.errstate(over="ignore"):
+                companion[:, 0, :] = -coefficients[group, start + 1 : stop + 1] / coefficients[group, start, None]
+            if not np.isfinite(companion).all():
+                raise DomainError(
+                    "coefficients of a plant's polynomial differ by more than a floating-point number can hold; "
+                    "take numbers of the plant that are neither that small nor that large"
+                )
+            # the eigenvalue of a single number is that number
+            roots[group, :degree] = companion[:, 0] if degree == 1 else np.linalg.eigvals(companion)
+    return roots
+
+
+def polynomial_at(coefficients: Array, s: Complex) -> Complex:
+    """Polynomials of shape (n, d + 1), descending powers, at one point s each, shape (n,)."""
+    value = np.zeros_like(s)
+    for k in range(coefficients.shape[1]):
+        value = value * s + coefficients[:, k]
+    return value
+
+
+def times(coefficients: Array, factor: tuple[float, ...]) -> Array:
+    """Polynomials of shape (m, n + 1) times one with d + 1 coefficients, shape (m, n + d + 1); descending powers."""
+    if factor == (1.0,):
+        return coefficients
+    product = np.zeros((len(coefficients), coefficients.shape[1] + len(factor) - 1))
+    for k, number in enumerate(factor):
+        product[:, k : k + coefficients.shape[1]] += number * coefficients
+    return product
+
+
+def leading_coefficients(coefficients: Array) -> Array:
+    """The first nonzero coefficient of each row, shape (m,)."""
+    first = np.argmax(coefficients != 0.0, axis=1)
+    return coefficients[np.arange(len(coefficients)), first]

@@ -29,8 +29,10 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.loops import Loops, Plants, leading_coefficients, polynomial_at
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Implementation, Sections
+from fopi_tune.core.roots import leading_coefficients, polynomial_at
 from fopi_tune.core.zero_order_hold import behind_hold
 from fopi_tune.errors import DomainError
 
@@ -129,11 +131,17 @@ class SampledLoops(Loops):
         """One digital controller with every one of these continuous plants."""
         rows = np.ones(len(plants))
         sampled = SampledPlants.behind_hold(plants, implementation.sample_time_s, implementation.delay_s)
-        return cls(gains.kp * rows, gains.ki * rows, gains.alpha * rows, sampled, implementation.sections)
+        return cls(
+            gains.kp * rows, gains.ki * rows, gains.alpha * rows, sampled, implementation.sections,
+            measurement_filter=gains.measurement_filter,
+        )  # fmt: skip
 
     def take(self, rows: Rows) -> SampledLoops:
         """Select rows."""
-        return SampledLoops(self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), self.sections)
+        return SampledLoops(
+            self.kp[rows], self.ki[rows], self.alpha[rows], self.plants.take(rows), self.sections,
+            measurement_filter=self.measurement_filter,
+        )  # fmt: skip
 
     @cached_property
     def integral_is_cancelled(self) -> NDArray[np.bool_]:
@@ -162,9 +170,25 @@ class SampledLoops(Loops):
         cut = np.clip(u, -_U_CAP, _U_CAP)
         return 1.0 / (2.0 * np.cosh(cut) * np.arctan(np.exp(cut)))
 
+    @property
+    def _filter_in_s(self) -> MeasurementFilter | None:
+        """F as a function of w = j nu, (1) of `measurement_filter`."""
+        filtered = self.measurement_filter
+        return None if filtered is None else filtered.slower(2.0 / self.sections.sample_time_s)
+
+    @property
+    def _filter_polynomials(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Of F in delta, with w = delta/(2 + delta)."""
+        if self._filter_in_s is None:
+            return (1.0,), (1.0,)
+        a = self._filter_in_s.time_constant_s
+        if self._filter_in_s.order == 1:
+            return (1.0, 2.0), (1.0 + a, 2.0)
+        return (1.0, 4.0, 4.0), (1.0 + a + 0.5 * a * a, 4.0 + 2.0 * a, 4.0)
+
     @cached_property
-    def log_controller(self) -> BodeForm:
-        """ln C."""
+    def _log_terms(self) -> BodeForm:
+        """ln(C/F)."""
         zeros, poles, gain = zeros_and_poles(self.sections)
         one = _bode_form(np.array([gain]), zeros[None, :], poles[None, :], np.zeros(1))
         return one.take(np.zeros(len(self), dtype=np.intp))
@@ -174,17 +198,19 @@ class SampledLoops(Loops):
         """ln L."""
         zeros, poles, gain = zeros_and_poles(self.sections)
         rows, plants = len(self), self.plants
-        return _bode_form(
+        found = _bode_form(
             gain * leading_coefficients(plants.numerator) / leading_coefficients(plants.denominator),
             np.concatenate([np.broadcast_to(zeros, (rows, len(zeros))), plants.zeros], axis=1),
             np.concatenate([np.broadcast_to(poles, (rows, len(poles))), plants.poles], axis=1),
             plants.late,
         )
+        return found if self._filter_in_s is None else found + self._filter_in_s.log(rows)
 
     def response(self, rows: Rows, omega: Array) -> Complex:
         """L(e^{j omega Ts}); rows and omega of shape (n,)."""
         u = np.clip(self.u_of(omega), -_U_CAP, _U_CAP)
-        return self.sections.at(shifted(u)) * self.plants.at(rows, u)
+        loop = self.sections.at(shifted(u)) * self.plants.at(rows, u)
+        return loop if self._filter_in_s is None else loop * self._filter_in_s(1j * np.exp(u))
 
     @cached_property
     def direct(self) -> Direct:

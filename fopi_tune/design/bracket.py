@@ -158,7 +158,7 @@ def _left(
     if _contradicts_itself(problem, rows, target, table):
         return cells[:0], 0
     box, proper = problem.box, problem.scaled.samples is None and bool(np.all(table.high_slope < 0.0))
-    proper = proper and not problem.spec.controller.has_derivative
+    proper = proper and not problem.spec.controller.has_derivative and problem.scale.measurement_filter is None
     for q in np.flatnonzero((rows.kind == CS) & (rows.side > 0) & (rows.last == len(table.v) - 1) & proper):
         # |C S| -> |kp| as omega -> inf
         largest = math.exp(rows.limit[q])

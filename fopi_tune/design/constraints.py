@@ -12,7 +12,7 @@ frequency omega_s and the gain g_s = |P(j omega_s)| of the nominal plant the loo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi, FoPid, Pid, derivative_of
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
@@ -164,6 +165,7 @@ class Scale:
         omega_grid: shape (n,), rad/s, where the oracle evaluates the constraints.
         filter_s: Tf of the derivative, 0 where there is none.
         has_orders: whether the structure is fopid.
+        measurement_filter: F, which the search counts to the plant: C P = (C/F) (F P).
     """
 
     omega_rad_s: float
@@ -171,6 +173,15 @@ class Scale:
     omega_grid: Array
     filter_s: float = 0.0
     has_orders: bool = False
+    measurement_filter: MeasurementFilter | None = None
+
+    @property
+    def lag_and_square(self) -> tuple[float, float]:
+        """a and b of 1/F = 1 + a s + b s^2 in scaled s; both 0 without a filter."""
+        if self.measurement_filter is None:
+            return 0.0, 0.0
+        square, lag, _ = (0.0, *self.measurement_filter.slower(self.omega_rad_s).coefficients)[-3:]
+        return lag, square
 
     def scaled(self, controller: FoPi) -> Array:
         """(kp', ki', alpha), with a derivative (kp', ki', kd'), with orders (kp', ki', kd', alpha, mu)."""
@@ -183,6 +194,9 @@ class Scale:
 
     def controller(self, scaled: Array) -> FoPi:
         """The gains in the user's units."""
+        return replace(self._terms(scaled), measurement_filter=self.measurement_filter)
+
+    def _terms(self, scaled: Array) -> FoPi:
         kp, ki, third, *orders = (float(x) for x in scaled)
         if self.has_orders:
             alpha, mu = orders
@@ -203,7 +217,10 @@ def scale_of(spec: DesignSpec) -> Scale:
     own = np.concatenate([np.abs(roots), 1.0 / plants.dead_time_s[plants.dead_time_s > 0]])
     named, box = _named_frequencies(spec), spec.controller
     filter_s = box.derivative_filter_time_constant_s
-    everything = np.concatenate([own, named, [1.0 / filter_s] if filter_s else []])
+    filtered = box.measurement_filter
+    filters = [1.0 / filter_s] if filter_s else []
+    filters += [1.0 / filtered.time_constant_s] if filtered else []
+    everything = np.concatenate([own, named, filters])
     everything = everything if len(everything) else np.array([1.0])
     omega_s = _characteristic(spec, own, named)
     is_open = any(math.isinf(v) for gain in (box.kp, box.ki, box.kd) for v in (gain.min, gain.max))
@@ -217,7 +234,7 @@ def scale_of(spec: DesignSpec) -> Scale:
     nominal = plants.take(np.array([0]))
     gain = float(np.abs(nominal.response(np.array([0]), np.array([omega_s])))[0])
     unit = gain if math.isfinite(gain) and gain > 0 else 1.0
-    return Scale(omega_s, unit, grid[grid > 0], filter_s, box.has_derivative_order)
+    return Scale(omega_s, unit, grid[grid > 0], filter_s, box.has_derivative_order, filtered)
 
 
 def _named_frequencies(spec: DesignSpec) -> Array:

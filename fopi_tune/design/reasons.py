@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, Complex
+from fopi_tune.core.bode_form import Array, BodeForm, Complex
 from fopi_tune.core.loops import Plants
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, constraints_of
 from fopi_tune.quantities.base import EvaluatedAt
@@ -80,11 +80,12 @@ def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -
     if not wanted or min(box.kp.min, box.ki.min, box.kd.min) < 0 or family.parameters["dead_time_s"].max > 0:
         return None
     plants = Plants.members(family, family.corners())
-    log = plants.log
+    log = _log_with_filter(spec, plants)
     if np.any(plants.unstable_poles > 0) or plants.denominator.shape[1] > 2 or plants.numerator.shape[1] > 1:
         return None
     # First order: the phase falls monotonically from its low-frequency to its high-frequency asymptote.
     lowest = float(np.minimum(log.phase0, log.end()[1]).min())
+    # so does that of a filter
     order = box.alpha.max if box.mu is None else max(box.alpha.max, 1.0 - box.mu.min)
     if lowest - 0.5 * math.pi * order < -math.pi - 1e-12:
         return None
@@ -109,7 +110,7 @@ def _limit_at_zero_or_infinity(spec: DesignSpec, constraints: tuple[Constraint, 
     ki, sampled = spec.controller.ki, spec.digital is not None and spec.digital.designs_sampled
     for constraint in constraints:
         text = describe(spec.requirements[constraint.requirement]) if constraint.requirement != STABILITY_GUARD else ""
-        rolls_off = not sampled and bool(np.all(plants.log.slope_end() < -1e-9))
+        rolls_off = not sampled and bool(np.all(_log_with_filter(spec, plants).slope_end() < -1e-9))
         if (
             constraint.quantity.name == "loop_gain_db"
             and constraint.bound is Bound.LOWER
@@ -129,6 +130,12 @@ def _limit_at_zero_or_infinity(spec: DesignSpec, constraints: tuple[Constraint, 
             )
             return Reason(frozenset({constraint.requirement}), message, frozenset({constraint.requirement}))
     return None
+
+
+def _log_with_filter(spec: DesignSpec, plants: Plants) -> BodeForm:
+    """ln(F P): a measurement filter acts on the loop as a part of the plant."""
+    filtered = spec.controller.measurement_filter
+    return plants.log if filtered is None else plants.log + filtered.log(len(plants))
 
 
 def closed_form_gains(plant_response: Complex, omega_rad_s: Array, phase_margin_rad: Array, alpha: Array) -> Array:
@@ -161,6 +168,8 @@ def _closed_form_out_of_range(spec: DesignSpec, constraints: tuple[Constraint, .
     omega = crossover.limit_public
     response = plants.response(np.zeros(1, dtype=np.intp), np.array([omega]))
     response = response * np.exp(-1j * omega * plants.dead_time_s)
+    if box.measurement_filter is not None:
+        response = response * box.measurement_filter(1j * omega)
 
     angles = np.linspace(margin.limit, 2.0 * np.pi - margin.limit, 2 if _has_one_crossover(spec, plants) else 361)
 

@@ -71,11 +71,12 @@ def controller_derivatives(spec: DesignSpec, gains: FoPi) -> ControllerDerivativ
 
     Raises:
         DomainError: there is no digital section or it cannot be met, `method: fit` has a free alpha, or the nominal
-            gain crossover, on which the filter depends, has no derivative; the structure is pid, or the
-            setpoint has a weight.
+            gain crossover, on which the filter depends, has no derivative; the structure is pid, or there
+            is a measurement filter or a weight of the setpoint.
     """
     digital = digital_section_of(spec)
-    for refuse in (spec.controller.refuse_derivative, spec.controller.refuse_setpoint_weight):
+    box = spec.controller
+    for refuse in (box.refuse_derivative, box.refuse_measurement_filter, box.refuse_setpoint_weight):
         refuse("a simulation's derivative by the gains")
     if Method(digital.method) is Method.FIT and not spec.controller.alpha.is_fixed:
         raise DomainError(

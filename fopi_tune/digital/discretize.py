@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi, FoPid, derivative_of, structure_of
+from fopi_tune.core.controller import FoPi, FoPid, derivative_of, refuse_measurement_filter_in, structure_of
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.fit import FIT_UP_TO, fit
 from fopi_tune.digital.oustaloup import ZeroPoleGain, modified_oustaloup, oustaloup
@@ -147,6 +147,7 @@ def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None
     Raises:
         DomainError: as for `discretize`; the derivative's filter is faster than half the sample time.
     """
+    refuse_measurement_filter_in(gains, "a digital controller")
     with np.errstate(all="ignore"):
         sections = with_derivative(
             _sections(gains, digital, crossover_rad_s), gains, _rest_of_derivative(gains, digital)

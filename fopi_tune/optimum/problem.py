@@ -60,6 +60,7 @@ class Problem:
         """
         conditions = conditions_of(spec, beat)
         crossover = nominal_equality(spec, "crossover_rad_s")
+        spec.controller.refuse_measurement_filter("the proof of the optimum")
         nominal = tuple(spec.plant.nominal_point.tolist())
         if spec.controller.has_derivative:
             filter_time_s = spec.controller.derivative_filter_time_constant_s

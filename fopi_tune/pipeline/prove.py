@@ -41,7 +41,8 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
     if not spec.controller.has_structure_of(gains):
         raise DomainError(
             "the gains are of another structure than the spec's controller; give a Pid, or with structure fopid a "
-            "FoPid, with the spec's derivative_filter_time_constant_s, and a FoPi where there is no derivative"
+            "FoPid, with the spec's derivative_filter_time_constant_s, and a FoPi where there is no derivative; "
+            "each with the spec's measurement_filter"
         )
     implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)

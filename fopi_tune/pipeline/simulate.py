@@ -74,7 +74,8 @@ def simulate(
         driven, exact = replace(spec, digital=DigitalSpec(_sample_time(spec, gains))), True
         notes.append("the spec has no section digital: the loop in continuous time")
     if exact:
-        for refuse in (spec.controller.refuse_derivative, spec.controller.refuse_setpoint_weight):
+        box = spec.controller
+        for refuse in (box.refuse_derivative, box.refuse_measurement_filter, box.refuse_setpoint_weight):
             refuse("the exact simulation in continuous time")
     implementation = implementation_of(driven, gains)
     if spec.scenarios:

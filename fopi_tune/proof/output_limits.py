@@ -168,6 +168,8 @@ def limits_mismatches(limited: LimitedLoop | None, spec: DesignSpec) -> list[str
     digital, stated = spec.digital, limited.loop.controller
     if limited.proof is not None and spec.controller.has_derivative:
         return ["with_limits: nothing is shown for structure: pid"]
+    if limited.proof is not None and spec.controller.measurement_filter is not None:
+        return ["with_limits: nothing is shown with a measurement_filter"]
     if digital is not None and (digital.output_limits is not None or digital.output_rate_per_s is not None):
         # its filter is compared elsewhere
         sections = Sections(digital.sample_time_s, stated.direct, stated.poles, stated.residues)

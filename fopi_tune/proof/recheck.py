@@ -85,7 +85,7 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
         problems += _stability(certificate)
         for index, proof in enumerate(certificate.requirements):
             problems += [f"requirements[{index}]: {problem}" for problem in _requirement(certificate, proof)]
-    problems += _without_derivative(certificate)
+    problems += _beyond_the_models(certificate)
     problems += scenario_problems(certificate.scenarios, certificate.tolerance) + limits_problems(certificate.limited)
     return Recheck(certificate, tuple(problems), _boxes(certificate))
 
@@ -106,13 +106,15 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
     return problems
 
 
-def _without_derivative(certificate: Certificate) -> list[str]:
-    """Parts that are stated of a controller with a derivative, and whose proofs have no model of it."""
-    if derivative_of(certificate.case.gains).kd == 0.0:
+def _beyond_the_models(certificate: Certificate) -> list[str]:
+    """Parts that are stated of a controller with a derivative or a filter, and whose proofs have no model of it."""
+    gains = certificate.case.gains
+    if derivative_of(gains).kd == 0.0 and gains.measurement_filter is None:
         return []
+    what = "a measurement filter" if derivative_of(gains).kd == 0.0 else "a derivative"
     limited = certificate.limited is not None and certificate.limited.proof is not None
     parts = {"scenarios": bool(certificate.scenarios), "with_limits": limited}
-    return [f"{name}: nothing is shown of a controller with a derivative" for name, stated in parts.items() if stated]
+    return [f"{name}: nothing is shown of a controller with {what}" for name, stated in parts.items() if stated]
 
 
 def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:

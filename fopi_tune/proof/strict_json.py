@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import Any, TypeVar
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME, FoPi, controller_of
+from fopi_tune.core.measurement_filter import FILTER_NAMES
 from fopi_tune.errors import CertificateError
 
 #: relative; by how much a number may differ from the one derived again, which another machine rounds otherwise
@@ -54,7 +55,7 @@ class JsonObject:
         return float(found)
 
     def controller(self) -> FoPi:
-        """The controller whose numbers the entries are: kp, ki, alpha, kd and filter of a derivative, mu of a fopid.
+        """The controller whose numbers the entries are: kp, ki, alpha, those of a derivative and of filters.
 
         Raises:
             CertificateError: an entry is missing, or is no finite number.
@@ -62,7 +63,9 @@ class JsonObject:
         """
         order = (ORDER_NAME,) if ORDER_NAME in self.value else ()
         derivative = DERIVATIVE_NAMES if order or any(name in self.value for name in DERIVATIVE_NAMES) else ()
-        return controller_of({name: self.number(name) for name in ("kp", "ki", "alpha", *derivative, *order)})
+        filtered = FILTER_NAMES if any(name in self.value for name in FILTER_NAMES) else ()
+        names = ("kp", "ki", "alpha", *derivative, *order, *filtered)
+        return controller_of({name: self.number(name) for name in names})
 
     def number_or_none(self, key: str) -> float | None:
         """A finite number or null."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi, Pid, refuse_derivative_order_in
+from fopi_tune.core.controller import FoPi, Pid, refuse_derivative_order_in, refuse_measurement_filter_in
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.core.plant import Plant, PlantFamily
@@ -57,6 +57,7 @@ def to_control(gains: FoPi | None, family: PlantFamily) -> ControlObjects:
     if gains is None:
         raise DomainError("there are no gains to convert; the design has no answer")
     refuse_derivative_order_in(gains, "an object of python-control")
+    refuse_measurement_filter_in(gains, "an object of python-control")
     from fopi_tune.core.margins import margins
 
     plant = family.member(family.nominal_point)

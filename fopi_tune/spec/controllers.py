@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, DERIVATIVE_NAMES, IMPROPER, MU_MAX, ORDER_NAME
+from fopi_tune.core.measurement_filter import FILTER_ORDERS, MeasurementFilter
 from fopi_tune.spec.model import ControllerSpec, GainRange
 from fopi_tune.spec.yaml.advice import Advised, range_advice
 from fopi_tune.spec.yaml.nodes import Place, ScalarNode, kind_of
@@ -18,7 +19,6 @@ _FREE = GainRange()
 _ALPHA = GainRange(0.1, 1.9)
 #: orders of the derivative that are searched by default
 _MU = GainRange(0.1, MU_MAX)
-_DESIGNED = "this version designs kp + ki/s^alpha + kd s^mu/(Tf s + 1), with structure: pi, pid, fopi or fopid"
 _DERIVATIVE = (
     "write structure: pid, or fopid with an order mu, kd in place of a derivative time (kd = kp Td), and its filter's "
     "time"
@@ -26,7 +26,7 @@ _DERIVATIVE = (
 _FILTER = "write derivative_filter_time_constant_s, Tf of kd s^mu/(Tf s + 1); Tf = Td/N"
 _WEIGHT = "write setpoint_weight, b of kp (b r - y)"
 _DERIVATIVE_OF_SETPOINT = "the derivative acts on -y, never on the setpoint; remove it"
-_NO_FILTER = f"{_DESIGNED} of y as it is measured; remove it"
+_MEASUREMENT_FILTER = "write measurement_filter: {order: 1, time_constant_s: T} for 1/(1 + sT) on the measurement"
 _INTEGRAL_TIME = "the integral term is ki/s^alpha; write ki; ki = kp/Ti for alpha: 1"
 _ORDER = "write alpha, the order of the integral ki/s^alpha"
 _DERIVATIVE_ORDER = "write structure: fopid and mu, the order of the derivative kd s^mu/(Tf s + 1)"
@@ -41,7 +41,9 @@ _OTHER_WORDS = {
     "pb proportional_band": _BAND,
     "b beta setpoint_weighting": _WEIGHT,
     "c derivative_setpoint_weight": _DERIVATIVE_OF_SETPOINT,
-    "measurement_filter": _NO_FILTER,
+    "filter measurement_filter_time_constant_s measurement_filter_order filter_time_constant_s input_filter": (
+        _MEASUREMENT_FILTER
+    ),
 }
 _ELSEWHERE = {
     written: reason
@@ -59,6 +61,10 @@ _STRUCTURES = {
 _MEANING = (
     "C(s) = kp + ki s^-alpha; of pi alpha is 1; of fopid C(s) = kp + ki s^-alpha + kd s^mu/(Tf s + 1); of pid that "
     "with alpha = mu = 1"
+)
+_FILTER_MEANING = (
+    "F on the measurement, before all terms, so that C = F (kp + ...); the setpoint is not filtered: 1/(1 + sT) of "
+    "order 1, 1/(1 + sT + s^2 T^2/2) of order 2"
 )
 _PI_ORDER = GainRange(1.0, 1.0)
 #: structures whose integral may have another order than 1
@@ -89,6 +95,7 @@ def controller_shape() -> Shape:
         "setpoint_weight": Key(
             Advised(Number("b of the proportional part kp (b r - y), as it runs on samples"), _weight_advice), False, 1
         ),
+        "measurement_filter": Key(_filter_shape(), required=False),
     }
     rules = {"allOf": [_rule("pi", _ORDER_ONE), _rule("pid", _ORDER_ONE), *_derivative_rules()]}
     example = "{kp: {min: 0.0}, ki: {min: 0.0}, alpha: 0.8}"
@@ -116,6 +123,27 @@ def _derivative_rules() -> list[JsonSchema]:
     ]
 
 
+def _filter_shape() -> Shape:
+    keys = {
+        "order": Key(Number("order of the filter", at_least=FILTER_ORDERS[0], at_most=FILTER_ORDERS[-1], whole=True)),
+        "time_constant_s": Key(Advised(Number("T, s", above=0.0), _filter_time_advice)),
+    }
+
+    def build(values: Values, place: Place) -> MeasurementFilter:
+        return MeasurementFilter(values["order"], values["time_constant_s"])
+
+    return Record(_FILTER_MEANING, keys, build, "{order: 1, time_constant_s: 0.1}")
+
+
+def _filter_time_advice(place: Place) -> str | None:
+    if isinstance(place.node, ScalarNode):
+        return None
+    return (
+        f"{kind_of(place.node)} is no time constant: that of a measurement filter is not designed in this version; "
+        "write one number, and compare several in a study that sets controller.measurement_filter.time_constant_s"
+    )
+
+
 def _weight_advice(place: Place) -> str | None:
     if isinstance(place.node, ScalarNode):
         return None
@@ -124,7 +152,10 @@ def _weight_advice(place: Place) -> str | None:
 
 def _build_controller(values: Values, place: Place) -> ControllerSpec | None:
     found = _build_box(values, place)
-    return None if found is None else replace(found, setpoint_weight=values.get("setpoint_weight", 1.0))
+    if found is None:
+        return None
+    weight, filtered = values.get("setpoint_weight", 1.0), values.get("measurement_filter")
+    return replace(found, setpoint_weight=weight, measurement_filter=filtered)
 
 
 def _build_box(values: Values, place: Place) -> ControllerSpec | None:

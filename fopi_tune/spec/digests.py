@@ -92,6 +92,7 @@ def _plain(value: Any) -> Any:
             # the loop does not depend on the setpoint's weight: it belongs to the digital controller
             absent = ["setpoint_weight"] if value.has_derivative else ["setpoint_weight", *DERIVATIVE_NAMES]
             absent += [] if value.has_derivative_order else [ORDER_NAME]
+            absent += [] if value.measurement_filter is not None else ["measurement_filter"]
             names = [name for name in names if name not in absent]
         return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):

@@ -127,7 +127,7 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
 
 
 def _refuse_for_designed_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:
-    """Structure pid, or a setpoint weight, beside a requirement or an objective about a scenario."""
+    """Structure pid, a filter or a setpoint weight beside a requirement or an objective about a scenario."""
     controller, objective = values.get("controller"), values.get("objective")
     designs = bool(measured) or (objective is not None and objective.scenario is not None)
     if designs and controller is not None and controller.has_derivative:
@@ -135,6 +135,11 @@ def _refuse_for_designed_scenarios(values: Values, measured: list[PlacedLimit], 
             f"structure {controller.structure} is designed for requirements and objectives of the loop's frequencies "
             "in this version; "
             "write what scenarios have to meet under `limits:`, which is judged and not designed for"
+        )
+    elif designs and controller is not None and controller.measurement_filter is not None:
+        place.child("controller").child("measurement_filter").refuse(
+            "gains are designed for requirements and objectives about scenarios without a measurement_filter in this "
+            "version; write what scenarios have to meet under `limits:`, which is judged and not designed for"
         )
     elif designs and controller is not None and controller.setpoint_weight != 1.0:
         place.child("controller").child("setpoint_weight").refuse(

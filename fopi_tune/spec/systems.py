@@ -253,6 +253,9 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
             f"{spec.controller.structure}"
         )
         return None
+    if spec.controller.measurement_filter is not None:
+        where.refuse("a mode's controller has no measurement_filter in this version; remove it from its spec")
+        return None
     if spec.controller.setpoint_weight != 1.0:
         where.refuse("a mode's controller has setpoint_weight: 1 in this version; remove the weight from its spec")
         return None

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fopi_tune.core.bode_form import BodeForm
-from fopi_tune.core.loops import Loops, Plants, polynomial_roots
-from fopi_tune.core.roots import Curvature, find_roots
+from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.roots import Curvature, find_roots, polynomial_roots
 from fopi_tune.errors import DomainError
 
 ONE = np.array([0])

@@ -47,13 +47,23 @@ class PidLoop:
         if pid.ki == 0.0:
             top, bottom = top[:-1], bottom[:-1]
         numerator = np.trim_zeros(np.polymul(top, self.plant.numerator), "f")
-        denominator = np.polymul(bottom, self.plant.denominator)
+        denominator = np.polymul(np.polymul(bottom, self.filtering), self.plant.denominator)
         return Continuous(Plant(tuple(numerator), tuple(denominator), self.plant.dead_time_s), 1.0, 0.0, 1.0)
+
+    @property
+    def filtering(self) -> list[float]:
+        """The polynomial that a measurement filter divides by."""
+        used = self.pid.measurement_filter
+        if used is None:
+            return [1.0]
+        time = used.time_constant_s
+        return {1: [time, 1.0], 2: [time**2 / 2, time, 1.0]}[used.order]
 
     def controller(self, omega: Array) -> Complex:
         """C(j omega)."""
         s, pid = 1j * omega, self.pid
-        return np.asarray(pid.kp + pid.ki / s + pid.kd / (pid.derivative_filter_time_constant_s + 1.0 / s))
+        terms = pid.kp + pid.ki / s + pid.kd / (pid.derivative_filter_time_constant_s + 1.0 / s)
+        return np.asarray(terms / np.polyval(self.filtering, s))
 
     @property
     def is_stable(self) -> bool:

@@ -161,6 +161,9 @@ MISTAKES: list[tuple[tuple[str | int, ...], Any]] = [
     (("controller",), {"alpha": {"min": 0}}),
     (("controller",), {"kd": 1}),
     (("controller",), {"setpoint_weight": {"min": 0, "max": 1}}),
+    (("controller",), {"measurement_filter": {"order": 3, "time_constant_s": 1}}),
+    (("controller",), {"measurement_filter": {"order": 1, "time_constant_s": {"min": 1, "max": 2}}}),
+    (("controller",), {"measurement_filter": {"time_constant_s": 1}}),
     (("requirements",), []),
     (("requirements",), None),
     (("requirements",), {}),
@@ -270,7 +273,10 @@ PLANT = st.one_of(
 )
 GAIN = NUMBER | _with_some({}, {"min": _floats(-5, 0), "max": st.floats(1, 5)})
 ALPHA = st.floats(0.01, 1.99) | _with_some({}, {"min": st.floats(0.01, 1), "max": st.floats(1, 1.99)})
-CONTROLLER = _with_some({}, {"structure": st.just("fopi"), "kp": GAIN, "ki": GAIN, "alpha": ALPHA}) | _with_some(
+FILTER = st.fixed_dictionaries({"order": st.integers(1, 2), "time_constant_s": POSITIVE})
+CONTROLLER = _with_some(
+    {}, {"structure": st.just("fopi"), "kp": GAIN, "ki": GAIN, "alpha": ALPHA, "measurement_filter": FILTER}
+) | _with_some(
     {"structure": st.just("pi")}, {"kp": GAIN, "ki": GAIN, "alpha": st.sampled_from([1, {"min": 1, "max": 1}])}
 )
 MU = st.floats(0.01, 1.0) | _with_some({}, {"min": st.floats(0.01, 0.9), "max": st.floats(0.9, 1.0)})

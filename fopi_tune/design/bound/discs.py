@@ -170,7 +170,7 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
         union_low, union_high, inverse, least = 0.0, -np.inf, math.exp(-limit), -BEYOND
         most = BEYOND
         for j in range(first, last + 1):
-            scaled = inverse * math.exp(-table.gain[i, j]) if kind == CS else inverse
+            scaled = inverse * math.exp(table.filter_gain[j] - table.gain[i, j]) if kind == CS else inverse
             if work.high[j] < 1.0:
                 cosine = work.real[i, j] / work.square[i, j]
                 low, high = _band_cell(kind != S, scaled, work.high[j], cosine, work.gain[i, j])

@@ -86,7 +86,7 @@ def implicit(of_gain, x, signs, plant, half, v, near, offset, low_v, high_v, fil
         of_gain: whether the crossing is one of |L| = 1; else one of phase + offset = 0.
         x: kp', ki' and alpha, or kd', of the box's centre, as `controller_of` completes them.
         signs: of kp, ki and kd.
-        plant: its 19 coefficients.
+        plant: its 21 coefficients.
         half: half-widths of kappa, of alpha or theta, and of psi.
         v, near: where the centre's crossing is, and the phase's branch there.
         offset: added to the phase.

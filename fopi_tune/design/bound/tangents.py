@@ -117,7 +117,7 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
                         part = 1.0 / (size * size)
                         size, real, imag, sigma = 1.0 / size, real * part, -imag * part, -1.0
                     if kind == CS:
-                        bound *= math.exp(-table.gain[i, j])
+                        bound *= math.exp(table.filter_gain[j] - table.gain[i, j])
                     count = _band_row(sigma, side, bound, size, real, imag, grown, j, half, slopes, lin, count)
                 continue
             if kind == CROSSOVER:

@@ -148,7 +148,7 @@ NO_SAMPLES = Sampling(0.0, np.zeros((0, 3)), 0, np.zeros(4))
 
 
 class Family(NamedTuple):
-    """The coefficients of every plant of a box, shape (1 + p, 19): `affine`[0] + point @ `affine`[1:].
+    """The coefficients of every plant of a box, shape (1 + p, 21): `affine`[0] + point @ `affine`[1:].
 
     On samples the plant is behind a hold: `half` = omega_s Ts/2, 0 in continuous time, and `delay` in samples.
     """
@@ -161,13 +161,17 @@ class Family(NamedTuple):
 class Table(NamedTuple):
     """m plants at n frequencies, scaled: omega/omega_s and P/g_s; column 0 is omega -> 0 and the last omega -> inf.
 
+    P has the measurement filter F, where there is one.
+
     Fields of shape (n,): `v` = ln(omega/omega_s) and `omega`; of shape (m, n): ln|P|, arg P unwrapped with its dead
     time, and P itself; of shape (m,): the rest.  From column `alias` on, the dead time turns P by more than a radian
     between columns.  `start_phase` is arg P at s = +0, `low_slope` the exponent of omega there, `high_slope` at inf.
-    `members` are the coefficients (numerator 9, denominator 9, dead time), shape (m, 19); `points` of the box (m, p).
+    `members` are the coefficients (numerator 9, denominator 9, dead time, 2 of F), shape (m, 21); `points` of the box
+    (m, p).
 
     On samples v is that of `samples.py`, the last column is Nyquist's frequency, `delay` is 0 and `late` the whole
-    samples of delay; `log_omega` = ln(omega/omega_s) is v itself in continuous time.
+    samples of delay; `log_omega` = ln(omega/omega_s) is v itself in continuous time.  `filter_gain` = ln|F|, shape
+    (n,), is what |C S| has to be multiplied by, whose C has no filter here; 0 without one.
     """
 
     v: Any
@@ -188,6 +192,7 @@ class Table(NamedTuple):
     log_omega: Any
     late: Any
     sampling: Sampling
+    filter_gain: Any
 
 
 class Rows(NamedTuple):

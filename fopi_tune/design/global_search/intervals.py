@@ -6,6 +6,7 @@ With L0 = C0 P, a band's inequality at one frequency is a quadratic in k,
     |T|   <= M :   (1 - M^-2) |L0|^2 k^2 + 2 Re L0 k + 1 >= 0
     |C S| <= M :   (|L0|^2 - |C0|^2 M^-2) k^2 + 2 Re L0 k + 1 >= 0 ,                                                (1)
 
+(with a measurement filter F, which is counted to P, the last M is M/|F|)
 violated inside one interval of k; along neighbouring frequencies that violate, the union of these intervals is one
 interval again, from the smallest lower to the largest upper end.  A margin or another quantity of a crossover is read
 where ln|L0| = -kappa, so that a run of frequencies that violate forbids the interval that -ln|L0| covers there.
@@ -60,6 +61,8 @@ def negative_interval(a, b, c):
 @compiled
 def band_interval(kind, limit, i, j, table, work):
     """Where (1) is violated at one frequency: interval of k."""
+    if kind == CS:
+        limit -= table.filter_gain[j]
     return band_interval_of(
         kind, math.exp(-2.0 * limit), work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
     )
@@ -112,8 +115,9 @@ def forbid_band_above(kind, limit, i, first, last, table, work, count):
     for j in range(first, last + 2):
         low, high = 1.0, 0.0
         if j <= last:
+            here = inverse * math.exp(2.0 * table.filter_gain[j]) if kind == CS else inverse
             low, high = band_interval_of(
-                kind, inverse, work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
+                kind, here, work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
             )
             work.low[j], work.high[j] = low, high
         if high > low:

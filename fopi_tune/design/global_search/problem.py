@@ -203,7 +203,8 @@ class Problem:
         digital = None if self.scaled.samples is None else self.spec.digital
         crossover = None if self.scaled.samples is None else self.scaled.samples.crossover_rad_s
         of_scale = (self.scale.omega_rad_s, self.scale.gain, self.scale.omega_grid.tobytes())
-        known = (repr(self.spec.plant), digital, crossover, of_scale, named.tobytes(), points.tobytes())
+        filtered = self.scale.measurement_filter
+        known = (repr(self.spec.plant), filtered, digital, crossover, of_scale, named.tobytes(), points.tobytes())
         return _TableOf(grid, self.horizon_s, known, self.scaled, named, points)
 
     def rows(self, table: Table, relaxed: float = 0.0, tightening: float | None = None) -> Rows:
@@ -288,17 +289,20 @@ class Problem:
 
     @property
     def error_unit(self) -> float:
-        """The discounted error in the user's unit of |P/(1 + C P)| = 1 in scaled numbers.
+        """The discounted error in the user's unit of |F P/(1 + C P)| = 1 in scaled numbers.
 
         T g_s, and on samples g_s Ts e^(s (1 + delay) Ts)/(e^(s Ts) - 1) with s = 1/T, as the step does not wait for
-        the computing delay.
+        the computing delay.  1/F at the horizon's s takes a measurement filter out again, which is behind the output.
         """
+        lag, square = self.scale.lag_and_square
+        s = self.scaled.horizon(self.horizon_s)
+        unit = self.scale.gain * (1.0 + s * (lag + s * square))
         if self.scaled.samples is None:
-            return self.horizon_s * self.scale.gain
+            return self.horizon_s * unit
         digital = self.scaled.samples.digital
         step = digital.sample_time_s / self.horizon_s
         early = digital.sample_time_s * math.exp(step * (1.0 + digital.delay_samples)) / math.expm1(step)
-        return early * self.scale.gain
+        return early * unit
 
     @cached_property
     def without_integral(self) -> bool:

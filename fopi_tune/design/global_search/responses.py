@@ -1,6 +1,7 @@
 """The loop of one plant at any frequency, and its peaks and crossings by Newton's method (compiled).
 
-A plant is its 19 scaled coefficients, gains are x, the numbers of `structures.py`, as `controller_of` completes them.
+A plant is its 21 scaled coefficients, a measurement filter among them; gains are x, the numbers of `structures.py`, as
+`controller_of` completes them.
 Derivatives in v are central differences: of a peak only the place suffers, whose error enters its value squared.
 """
 
@@ -30,7 +31,7 @@ from fopi_tune.design.global_search.controllers import (
     half_of,
 )
 from fopi_tune.design.global_search.samples import delayed_at_real, log_omega_of, stretch_of, turn_of, turn_rate
-from fopi_tune.design.global_search.tables import WIDTH
+from fopi_tune.design.global_search.tables import DELAY, LAG, LAG_SQUARE, WIDTH
 
 _PI = math.pi
 _STEP = 1e-4
@@ -40,7 +41,7 @@ AT_PEAK, AT_FIXED, AT_GAIN, AT_PHASE, AT_REFERENCE, AT_HORIZON, AT_INFINITY = ra
 
 @compiled
 def loop_at(x, plant, v, near):
-    """ln|L|, arg L on the branch closest to `near` (delay-free) and ln|C'| at omega_s e^v."""
+    """ln|L|, arg L on the branch closest to `near` (delay-free) and ln|C/F| at omega_s e^v."""
     omega = math.exp(v)
     real, imag = controller_at(x, v)
     a = b = c = d = 0.0
@@ -51,7 +52,18 @@ def loop_at(x, plant, v, near):
     gain = log_c + 0.5 * math.log((a * a + b * b) / (c * c + d * d))
     phase = math.atan2(imag, real) + math.atan2(b * c - a * d, a * c + b * d)
     phase += 2.0 * _PI * round((near - phase) / (2.0 * _PI))
-    return gain, phase - turn_of(v, plant[2 * WIDTH], half_of(x)), log_c
+    return gain, phase - turn_of(v, plant[DELAY], half_of(x)), log_c
+
+
+@compiled
+def log_filter_at(plant, v):
+    """ln|F| at omega_s e^v."""
+    lag = plant[LAG]
+    if lag == 0.0:
+        return 0.0
+    omega = math.exp(v)
+    real, imag = 1.0 - plant[LAG_SQUARE] * omega * omega, lag * omega
+    return -0.5 * math.log(real * real + imag * imag)
 
 
 @compiled
@@ -77,7 +89,7 @@ def value_at(kind, x, plant, v, near):
     if kind in (S, T, CS):
         linear = math.exp(gain)
         log_s = -0.5 * math.log(max(1.0 + linear * (linear + 2.0 * math.cos(phase)), 1e-300))
-        return log_s + (0.0 if kind == S else (gain if kind == T else log_c))
+        return log_s + (0.0 if kind == S else (gain if kind == T else log_c + log_filter_at(plant, v)))
     above, below = loop_at(x, plant, v + _STEP, near)[1], loop_at(x, plant, v - _STEP, near)[1]
     return (above - below) / (2.0 * _STEP) * math.log(10.0) / stretch_of(v, half_of(x))
 
@@ -86,7 +98,7 @@ def value_at(kind, x, plant, v, near):
 def peak_near(kind, side, x, plant, v, near, low, high):
     """The frequency of the largest (side 1) or smallest (-1) value near v, inside [low, high]."""
     longest = 0.15
-    turn = turn_rate(v, plant[2 * WIDTH], half_of(x))
+    turn = turn_rate(v, plant[DELAY], half_of(x))
     if turn > 3.0:
         longest = 0.5 / turn
     h = min(_STEP, 0.02 * longest)
@@ -117,8 +129,8 @@ def crossing_near(which, target, x, plant, v, near):
         if slope == 0.0:
             return v
         longest = 0.3
-        if which == 1 and plant[2 * WIDTH] > 0.0:
-            longest = min(0.3, 1.0 / (turn_rate(v, plant[2 * WIDTH], half_of(x)) + 1.0))
+        if which == 1 and plant[DELAY] > 0.0:
+            longest = min(0.3, 1.0 / (turn_rate(v, plant[DELAY], half_of(x)) + 1.0))
         step = min(max((target - here[which]) / slope, -longest), longest)
         v += step
         if abs(step) < 1e-13:
@@ -128,11 +140,11 @@ def crossing_near(which, target, x, plant, v, near):
 
 @compiled
 def discounted_error(x, plant, log_horizon):
-    """ln |P/(1 + C P)| at the horizon's s = e^-log_horizon, scaled."""
+    """ln |F P/(1 + C P)| at the horizon's s = e^-log_horizon, scaled; F is a number there."""
     s, a, b = math.exp(-log_horizon), 0.0, 0.0
     for k in range(WIDTH):
         a, b = a * s + plant[k], b * s + plant[WIDTH + k]
-    p = a / b * delayed_at_real(plant[2 * WIDTH], s, half_of(x))
+    p = a / b * delayed_at_real(plant[DELAY], s, half_of(x))
     return math.log(abs(p / (1.0 + controller_at_real(x, -log_horizon) * p)))
 
 

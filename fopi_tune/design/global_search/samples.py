@@ -83,6 +83,22 @@ def plant_of(family, point, plant):
         plant[k] = total
     if family.half > 0.0:
         behind_hold(plant, family.half, family.delay)
+        filter_denominator(plant)
+
+
+@compiled
+def filter_denominator(plant):
+    """Multiply D by 1 + a s + b s^2 of a measurement filter: by Tustin's rule F has the same form in s = j e^v."""
+    width = (len(plant) - 3) // 2
+    lag, square = plant[2 * width + 1], plant[2 * width + 2]
+    if lag == 0.0:
+        return
+    for k in range(width, 2 * width):
+        # ascending k lowers the power; what is read has not been changed yet
+        if k + 1 < 2 * width:
+            plant[k] += lag * plant[k + 1]
+        if k + 2 < 2 * width:
+            plant[k] += square * plant[k + 2]
 
 
 @compiled
@@ -90,11 +106,11 @@ def behind_hold(plant, half, delay):
     """Replace a continuous plant's coefficients by those of its exact hold equivalent, as `core/sampled_loops.py`, (1).
 
     Args:
-        plant: N, D and the dead time in 1/omega_s; then N, D and whole samples.
+        plant: N, D, the dead time in 1/omega_s and two numbers of a filter; then N, D and whole samples.
         half: h.
         delay: the computing delay in samples.
     """
-    width = (len(plant) - 1) // 2
+    width = (len(plant) - 3) // 2
     n = width - 1
     while plant[2 * width - 1 - n] == 0.0:
         n -= 1

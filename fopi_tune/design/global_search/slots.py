@@ -23,7 +23,7 @@ from fopi_tune.design.global_search.compiled import (
     T,
 )
 from fopi_tune.design.global_search.controllers import FILTER, MU
-from fopi_tune.design.global_search.nonlinear.program import COEFFICIENTS, ERRORS, INDEX, PARAMETERS
+from fopi_tune.design.global_search.nonlinear.program import ERRORS, INDEX, PARAMETERS
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
     AT_GAIN,
@@ -33,7 +33,7 @@ from fopi_tune.design.global_search.responses import (
     AT_REFERENCE,
     loop_at,
 )
-from fopi_tune.design.global_search.tables import Scaled
+from fopi_tune.design.global_search.tables import COEFFICIENTS, DELAY, WIDTH, Scaled
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 
 _PI = math.pi
@@ -150,12 +150,12 @@ def error_rows(findings: list[Array], rows: Rows, scaled: Scaled, log_horizon: f
     parameters[:, 0], parameters[:, 1] = 1.0, -log_horizon
     found = [f for f in findings if rows.kind[int(f[ROW])] == DISCOUNTED_ERROR][:ERRORS]
     s = math.exp(-log_horizon)
-    powers = s ** np.arange((COEFFICIENTS - 1) // 2 - 1, -1, -1.0)
+    powers = s ** np.arange(WIDTH - 1, -1, -1.0)
     for k, finding in enumerate(found):
         plant = scaled.member(finding[FIELDS:])
         width = len(powers)
         value = plant[:width] @ powers / (plant[width : 2 * width] @ powers)
-        value *= scaled.delayed_at_real(s, plant[-1])
+        value *= scaled.delayed_at_real(s, plant[DELAY])
         parameters[k] = value, -log_horizon, 1.0
     return parameters
 

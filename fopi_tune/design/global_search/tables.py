@@ -14,7 +14,9 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.roots import times
 from fopi_tune.core.sampled_loops import SampledPlants
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import END, NO_SAMPLES, Family, Sampling, Table
@@ -23,6 +25,9 @@ from fopi_tune.errors import DomainError
 
 #: coefficients of a numerator and of a denominator: degrees up to 8
 WIDTH = 9
+#: where the numbers of a plant are behind those: the delay, and a and b of 1/F = 1 + a s + b s^2
+DELAY, LAG, LAG_SQUARE = 2 * WIDTH, 2 * WIDTH + 1, 2 * WIDTH + 2
+COEFFICIENTS = 2 * WIDTH + 3
 #: rad; the dead time turns P by at most this between columns, up to `_LAST_TURN`
 _TURN = 0.6
 _LAST_TURN = 40.0
@@ -41,12 +46,14 @@ _MOST_TURNS = 4000
 
 @dataclass(frozen=True)
 class Scaled:
-    """A family in scaled numbers: omega/omega_s, P/g_s, dead time times omega_s, or whole samples of delay.
+    """A family in scaled numbers: omega/omega_s, F P/g_s, dead time times omega_s, or whole samples of delay.
+
+    A measurement filter F is counted to the plant, as C P = (C/F) (F P); |C S| alone asks for it apart.
 
     Args:
         family: the plants.
         scale: omega_s and g_s.
-        plants: the coefficients over the box: 9 of N, 9 of D, the delay.
+        plants: the coefficients over the box: 9 of N, 9 of D, the delay, 2 of F.
         samples: what samples the loop; None in continuous time.
     """
 
@@ -64,10 +71,13 @@ class Scaled:
         """
         low, high = family.low, family.high
         numerator, denominator, _ = family.coefficients(family.nominal_point[None, :])
-        if max(numerator.shape[1], denominator.shape[1]) > WIDTH:
-            raise DomainError(f"the plant's degree exceeds {WIDTH - 1}; reduce its order")
+        filtered = scale.measurement_filter
+        room = WIDTH if filtered is None else WIDTH - filtered.order
+        if max(numerator.shape[1], denominator.shape[1]) > room:
+            beside = "" if filtered is None else f" beside a measurement filter of order {filtered.order}"
+            raise DomainError(f"the plant's degree exceeds {room - 1}{beside}; reduce its order")
         corners = np.vstack([low, low + np.diag(high - low)]) if len(low) else np.zeros((1, 0))
-        rows = _coefficients(family, scale, corners)
+        rows = _coefficients(family, scale, corners, filtered=samples is None)
         slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
         affine = np.vstack([rows[0] - low @ slopes, slopes])
         if samples is None:
@@ -86,16 +96,16 @@ class Scaled:
         return self.samples.with_orders(derivative) if self.scale.has_orders else self.samples.integrator(derivative)
 
     def members(self, points: Array) -> Array:
-        """Coefficients of the plants at points of the box, shape (m, 19)."""
+        """Coefficients of the plants at points of the box, shape (m, 21)."""
         if self.samples is None:
             return self.plants.affine[0] + points @ self.plants.affine[1:]
         return np.array([self.member(point) for point in points])
 
     def member(self, point: Array) -> Array:
-        """Coefficients of the plant at a point of the box, shape (19,)."""
+        """Coefficients of the plant at a point of the box, shape (21,)."""
         if self.samples is None:
             return self.plants.affine[0] + point @ self.plants.affine[1:]
-        plant = np.empty(2 * WIDTH + 1)
+        plant = np.empty(COEFFICIENTS)
         plant_of(self.plants, point, plant)
         return plant
 
@@ -118,9 +128,12 @@ class Scaled:
         return float(self.samples.log_nu(np.exp(log_omega))) - math.log(self.samples.half)
 
 
-def _coefficients(family: PlantFamily, scale: Scale, points: Array) -> Array:
+def _coefficients(family: PlantFamily, scale: Scale, points: Array, filtered: bool) -> Array:
+    """Of continuous plants; `filtered`: times F, which on samples comes behind the hold."""
     numerator, denominator, dead_time = family.coefficients(points)
-    omega = scale.omega_rad_s
+    if filtered and scale.measurement_filter is not None:
+        denominator = times(denominator, scale.measurement_filter.coefficients)
+    omega, of_filter = scale.omega_rad_s, np.tile(scale.lag_and_square, (len(points), 1))
 
     def padded(rows: Array) -> Array:
         powers = omega ** np.arange(rows.shape[1] - 1, -1, -1.0)
@@ -129,7 +142,7 @@ def _coefficients(family: PlantFamily, scale: Scale, points: Array) -> Array:
     top, bottom = padded(numerator) / scale.gain, padded(denominator)
     # one factor for all members keeps the coefficients affine
     unit = float(np.abs(bottom).max())
-    return np.hstack([top / unit, bottom / unit, dead_time[:, None] * omega])
+    return np.hstack([top / unit, bottom / unit, dead_time[:, None] * omega, of_filter])
 
 
 def vertices(family: PlantFamily) -> Array:
@@ -168,6 +181,7 @@ def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_bey
     low, high = float(scale.omega_grid[0]), float(scale.omega_grid[-1])
     delays = plants.dead_time_s[plants.dead_time_s > 0]
     filters = [1.0 / scale.filter_s] if scale.filter_s else []
+    filters += [1.0 / scale.measurement_filter.time_constant_s] if scale.measurement_filter else []
     corners = np.concatenate(
         [np.abs(roots), 1.0 / delays, named[(named > low) & (named < high)], [scale.omega_rad_s], filters]
     )
@@ -235,12 +249,14 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     m, n = len(points), len(omega_rad_s)
     u = np.log(omega_rad_s) if samples is None else samples.log_nu(omega_rad_s)
     rows, all_u = np.repeat(np.arange(m), n), np.tile(u, m)
-    form = plants.log
+    filtered = _filter_in_table(scaled)
+    form = plants.log if filtered is None else plants.log + filtered.log(m)
     bode = form.value(rows, all_u).reshape(m, n)
     if isinstance(plants, SampledPlants):
         direct = plants.at(rows, all_u).reshape(m, n)
     else:
         direct = plants.response(rows, np.tile(omega_rad_s, m)).reshape(m, n)
+    direct = direct if filtered is None else direct * filtered(1j * np.exp(u))
     turned = plants.dead_time_s[:, None] * omega_rad_s
     with np.errstate(divide="ignore", invalid="ignore"):
         log: Complex = np.log(direct)
@@ -272,11 +288,21 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     s = scaled.horizon(horizon_s)
     powers = s ** np.arange(WIDTH - 1, -1, -1.0)
     error_gain = members[:, :WIDTH] @ powers / (members[:, WIDTH : 2 * WIDTH] @ powers)
-    error_gain *= scaled.delayed_at_real(s, members[:, -1])
-    late = members[:, -1] if samples is not None else np.zeros(m)
+    error_gain *= scaled.delayed_at_real(s, members[:, DELAY])
+    late = members[:, DELAY] if samples is not None else np.zeros(m)
+    lag, square = scaled.scale.lag_and_square
+    filter_gain = -0.5 * np.log((1.0 - square * np.exp(2.0 * v)) ** 2 + (lag * np.exp(v)) ** 2)
     return Table(
         v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), delay,
         plants.unstable_poles.astype(np.int64), form.phase0 - 0.5 * np.pi * form.slope0,
         form.slope0.astype(float), high_slope.astype(float), alias, error_gain, members, points.astype(float),
-        log_omega, np.ascontiguousarray(late), scaled.sampling,
+        log_omega, np.ascontiguousarray(late), scaled.sampling, filter_gain,
     )  # fmt: skip
+
+
+def _filter_in_table(scaled: Scaled) -> MeasurementFilter | None:
+    """F by u = ln omega, or by ln tan(omega Ts/2)."""
+    found, samples = scaled.scale.measurement_filter, scaled.samples
+    if found is None or samples is None:
+        return found
+    return found.slower(2.0 / samples.digital.sample_time_s)

@@ -53,6 +53,7 @@ def extreme_of_band(kind, largest, kappa, i, first, last, table, work):
                 value *= work.square[i, j]
             elif kind == CS:
                 value *= work.controller[1, j] ** 2 + work.controller[2, j] ** 2
+                value *= math.exp(2.0 * table.filter_gain[j])
         best = max(best, value) if largest else min(best, value)
     if best <= 0.0:
         return -NOTHING

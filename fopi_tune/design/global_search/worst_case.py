@@ -97,7 +97,7 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
             elif kind == T:
                 value += -0.5 * math.log(square)
             else:
-                value = work.controller[0, j] - 0.5 * math.log(square)
+                value = work.controller[0, j] + table.filter_gain[j] - 0.5 * math.log(square)
         y[j] = inner_slack(side, rows.limit[q], rows.scale[q], value)
     for j in range(first, last + 1):
         left = j == first or y[j] <= y[j - 1]
@@ -112,7 +112,7 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
         elif j == n - 1:
             v = table.v[n - 2]
             falls = kind == CS and work.gain[i, j] < -10.0 and table.sampling.half == 0.0  # not on samples
-            mode = AT_INFINITY if falls else AT_FIXED
+            mode = AT_INFINITY if falls and table.filter_gain[j] == 0.0 else AT_FIXED  # with a filter C S -> 0
         elif j >= table.alias[i]:
             target = 2.0 * _PI * round((work.phase[i, j] - _PI) / (2.0 * _PI)) + _PI
         count = _offer(found, count, y[j], i, j, v, mode, target)

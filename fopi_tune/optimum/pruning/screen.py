@@ -17,9 +17,8 @@ import numpy as np
 from flint import acb, arb
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, Complex
+from fopi_tune.core.bode_form import Array, Complex, Derivatives
 from fopi_tune.core.controller import FoPi, Pid
-from fopi_tune.core.derivatives import Derivatives
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily

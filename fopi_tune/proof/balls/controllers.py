@@ -3,6 +3,8 @@
 A search splits the plants far more often than the frequencies: of 60 boxes about one has a new interval of u.  The
 factors c and x and the tails are those of `fopi_tune.proof.balls.responses`.
 
+A measurement filter F is counted to the plant, C P = (C/F) (F P): C is here without it, and |C S| alone asks for F.
+
 What the proofs ask of a structure of controllers is a `Structure` and its `ControllerOnInterval`.  Here are those of
 C = kp + ki s^-alpha; those of a PID are in `fopi_tune.proof.balls.pid`.
 """
@@ -20,6 +22,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Interval, ball_of
 from fopi_tune.proof.balls.computed_once import computed_once
+from fopi_tune.proof.balls.plant import Polynomial
 
 _ZERO = arb(0)
 #: |ln| of a quotient of two coefficients, which are doubles, and as much again for the terms to differ
@@ -68,6 +71,21 @@ class LoopParameters:
         """j^alpha."""
         angle = self.alpha * arb.pi() / 2
         return acb(angle.cos(), angle.sin())
+
+    @cached_property
+    def filter_time(self) -> arb:
+        """T of the measurement filter F in the plants' variable."""
+        assert self.gains.measurement_filter is not None
+        return arb(self.gains.measurement_filter.time_constant_s)
+
+    @cached_property
+    def filter_bottom(self) -> Polynomial | None:
+        """1/F; None is 1."""
+        filtered = self.gains.measurement_filter
+        if filtered is None:
+            return None
+        time = self.filter_time
+        return Polynomial([time, arb(1)] if filtered.order == 1 else [time * time / 2, time, arb(1)])
 
     @cached_property
     def integral(self) -> acb:
@@ -125,6 +143,22 @@ class ControllerOnInterval(ABC):
     @abstractmethod
     def controller_curvature(self) -> acb:
         """d2 ln C/du2; not in a tail."""
+
+    @computed_once
+    def filter(self) -> acb:
+        """F, which |C S| has beside c; in the high tail s^-n over s^-n/F, n its order."""
+        bottom = self.loop.filter_bottom
+        if bottom is None:
+            return acb(1)
+        if not self.high_tail:
+            return 1 / bottom.at(self.s)
+        return self.s**bottom.degree / bottom.reversed.at(self.s)
+
+    @computed_once
+    def filter_slope(self) -> acb:
+        """d ln F/du; not in a tail."""
+        bottom = self.loop.filter_bottom
+        return acb(0) if bottom is None else -bottom.own_derivative(self.s) * self.filter
 
     def power_of_s(self, exponent: int) -> acb:
         """s^exponent; in the high tail s^-exponent."""

@@ -30,7 +30,7 @@ from fopi_tune.proof.balls.computed_once import computed_once
 from fopi_tune.proof.balls.controllers import ControllerOnInterval, FoPiStructure, LoopParameters, Structure
 from fopi_tune.proof.balls.fopid import FoPidStructure
 from fopi_tune.proof.balls.pid import PidStructure
-from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, without_axes
+from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, filtered, without_axes
 from fopi_tune.proof.balls.responses import LoopEnclosure
 
 #: bits of the balls' centres
@@ -109,12 +109,12 @@ class BallLoop(LoopParameters):
         return {}
 
     def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
-        """The plants whose uncertain numbers lie in these balls.
+        """The plants whose uncertain numbers lie in these balls, with the measurement filter.
 
         Raises:
             DomainError: not proper.
         """
-        return assemble(self.family, theta)
+        return filtered(assemble(self.family, theta), self.filter_bottom)
 
     def loops_at(self, points: Array) -> Loops:
         """The same loops in floating point for these plants, shape (m, p); used only to choose what to examine."""

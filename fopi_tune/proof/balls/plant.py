@@ -193,6 +193,17 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
     return PlantEnclosure(top, bottom, Dual.of(dead_time))
 
 
+def filtered(plant: PlantEnclosure, bottom: Polynomial | None) -> PlantEnclosure:
+    """F P, `bottom` being 1/F; None is 1."""
+    if bottom is None:
+        return plant
+    product = [Dual.of(0)] * (len(plant.denominator) + bottom.degree)
+    for k, coefficient in enumerate(plant.denominator):
+        for i, number in enumerate(bottom.values):
+            product[k + i] = product[k + i] + coefficient * number
+    return replace(plant, denominator=tuple(product))
+
+
 def _without_leading_zeros(coefficients: Sequence[Any]) -> tuple[Dual, ...]:
     found = [Dual.of(c) for c in coefficients]
     while len(found) > 1 and found[0].value.is_zero() and not found[0].gradient:

@@ -8,7 +8,8 @@ between            c = C(s)                x = 1          n = N(s) e^{-Ls}      
 omega -> 0         c = s^a C(s)            x = s^a        n = N(s) e^{-Ls}          d = D(s)
 omega -> inf       c = C(s)                x = 1          n = N(s)/s^k e^{-Ls}      d = D(s)/s^k ,
 
-a the order of the integral, 0 without one, and k the degree of D.  With sigma = 1/s these c are
+a the order of the integral, 0 without one, and k the degree of D; with a measurement filter F, N/D is that of F P, C
+the controller without it, and C S has F once more.  With sigma = 1/s these c are
 
 between            kp + ki s^-alpha              kp + ki/s + kd s/(Tf s + 1)
 omega -> 0         kp s^alpha + ki               kp s + ki + kd s^2/(Tf s + 1)
@@ -167,11 +168,17 @@ class LoopEnclosure:
 
     @computed_once
     def control_sensitivity(self) -> acb:
-        """C S = T/P; the second form where L is large and C may be unbounded."""
+        """C S = T/P; the second form where L is large and C may be unbounded.  With a filter N/D is F P."""
         if self.x is None and not self.gain.abs_lower() > 1:
-            return self.c * self.sensitivity
+            return self.noise_gain * self.sensitivity
         n, d = self.sides
-        return d / n * self.complementary
+        found = d / n * self.complementary
+        return found if self.loop.filter_bottom is None else found * self.at.filter
+
+    @property
+    def noise_gain(self) -> acb:
+        """c with the measurement filter: what |C S| has where |S| = 1."""
+        return self.c if self.loop.filter_bottom is None else self.c * self.at.filter
 
     # -- derivatives ------------------------------------------------------------------------------------------------
 

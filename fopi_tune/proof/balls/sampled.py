@@ -26,7 +26,15 @@ from fopi_tune.proof.balls.box import Cuts, Interval, axes_without_width, ball_o
 from fopi_tune.proof.balls.computed_once import computed_once
 from fopi_tune.proof.balls.controllers import ControllerOnInterval
 from fopi_tune.proof.balls.loop import BallLoop
-from fopi_tune.proof.balls.plant import Dual, PlantEnclosure, Polynomial, without_axes, without_gradient
+from fopi_tune.proof.balls.plant import (
+    Dual,
+    PlantEnclosure,
+    Polynomial,
+    assemble,
+    filtered,
+    without_axes,
+    without_gradient,
+)
 from fopi_tune.proof.balls.responses import LoopEnclosure
 from fopi_tune.proof.balls.sampled_controllers import (
     SampledControllerOnInterval,
@@ -59,6 +67,11 @@ class SampledBallLoop(BallLoop):
     def sample_time(self) -> arb:
         """Ts, s."""
         return arb(self.implementation.sample_time_s)
+
+    @cached_property
+    def filter_time(self) -> arb:
+        """2 T/Ts: by Tustin's rule F has the same form in w."""
+        return 2 * super().filter_time / self.sample_time
 
     @cached_property
     def sections(self) -> Sections:
@@ -110,8 +123,12 @@ class SampledBallLoop(BallLoop):
         Raises:
             DomainError: not proper.
         """
-        plant = super().plant(theta)
+        plant = self._continuous(theta)
         return self._held(plant, theta, self._span_of(plant, None))
+
+    def _continuous(self, theta: Sequence[arb]) -> PlantEnclosure:
+        """The plants in s, without the measurement filter, which is behind the sampler."""
+        return assemble(self.family, theta)
 
     def plants_over(self, box: Sequence[Interval]) -> PlantEnclosure:
         """The plants of a box, behind the hold, with the derivatives along the axes that have a width.
@@ -119,7 +136,7 @@ class SampledBallLoop(BallLoop):
         Of a family with pieces, those of the box's piece.
         """
         theta = [ball_of(side) for side in box]
-        plant = super().plant(theta)
+        plant = self._continuous(theta)
         return self._held(plant, theta, self._span_of(plant, box), axes_without_width(tuple(box)))
 
     def _span_of(self, plant: PlantEnclosure, box: Sequence[Interval] | None) -> tuple[int, int]:
@@ -141,7 +158,12 @@ class SampledBallLoop(BallLoop):
         span: tuple[int, int],
         fixed: Collection[int] = (),
     ) -> PlantEnclosure:
-        """The plants behind the hold; without their derivatives along the fixed axes."""
+        """The plants behind the hold, with F; without their derivatives along the fixed axes."""
+        return filtered(self._held_alone(plant, theta, span, fixed), self.filter_bottom)
+
+    def _held_alone(
+        self, plant: PlantEnclosure, theta: Sequence[arb], span: tuple[int, int], fixed: Collection[int]
+    ) -> PlantEnclosure:
         samples = self.samples(plant.dead_time)
         samples = Dual(samples.value, {axis: g for axis, g in samples.gradient.items() if axis not in fixed})
         over = hold_equivalent(without_axes(plant, fixed), self.sample_time, samples, self.axes, span)
@@ -149,7 +171,7 @@ class SampledBallLoop(BallLoop):
             return over
         # at the centre no derivative is needed, which is most of the work
         middle = [arb(ball.mid()) for ball in theta]
-        at = without_gradient(super().plant(middle))
+        at = without_gradient(self._continuous(middle))
         late = at.dead_time / self.sample_time + arb(self.implementation.delay_samples)
         if not plant.dead_time.gradient:
             late = self.samples(at.dead_time)
@@ -164,7 +186,7 @@ class SampledBallLoop(BallLoop):
     def pieces(self) -> Pieces | None:
         """The family cut at whole samples of an uncertain delay, where a direct path jumps; None without such."""
         number = self.family.parameters["dead_time_s"]
-        whole = super().plant([ball_of(side) for side in self.family_box])
+        whole = self._continuous([ball_of(side) for side in self.family_box])
         if number.is_exact or not whole.has_direct_path:
             return None
         sample_time_s, delay = self.implementation.sample_time_s, self.implementation.delay_samples
@@ -186,7 +208,7 @@ class SampledBallLoop(BallLoop):
 
     @cached_property
     def _order(self) -> int:
-        return len(super().plant([ball_of(side) for side in self.family_box]).denominator) - 1
+        return len(self._continuous([ball_of(side) for side in self.family_box]).denominator) - 1
 
     def loops_at(self, points: Array) -> Loops:
         """The same loops in floating point for these plants, shape (m, p); used only to choose what to examine."""

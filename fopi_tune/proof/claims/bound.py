@@ -93,13 +93,13 @@ class Bound(LoopClaim):
             top = {
                 Response.SENSITIVITY: arb(1),
                 Response.COMPLEMENTARY_SENSITIVITY: size,
-                Response.CONTROL_SENSITIVITY: over.c.abs_upper(),
+                Response.CONTROL_SENSITIVITY: over.noise_gain.abs_upper(),
                 Response.LOOP_GAIN: size * (1 - size),
             }[self.response]
             return bool(top / (1 - size) <= limit)
         if self.response is Response.SENSITIVITY:
             return bool(1 / (1 + size) >= limit)
-        return self.response is Response.CONTROL_SENSITIVITY and bool(over.c.abs_lower() / (1 + size) >= limit)
+        return self.response is Response.CONTROL_SENSITIVITY and bool(over.noise_gain.abs_lower() / (1 + size) >= limit)
 
     def _slopes(self, over: LoopEnclosure, tail: bool) -> list[arb | None]:
         """d ln|R| along every axis; None along a tail."""
@@ -114,7 +114,7 @@ class Bound(LoopClaim):
         factor = over.complementary
         found = [-(factor * g).real for g in gradient]
         if self.response is Response.CONTROL_SENSITIVITY and not tail:
-            found[0] = found[0] + over.controller_slope.real
+            found[0] = found[0] + (over.controller_slope + over.at.filter_slope).real
         return slopes + found
 
     def _axis_of_gain(self, box: Box, over: LoopEnclosure) -> int:

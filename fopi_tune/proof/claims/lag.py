@@ -72,6 +72,8 @@ _NARROW = 1e-5
 def has_lag_form(loop: BallLoop) -> bool:
     """Whether only the time constant of a lag is uncertain; on samples, late by whole samples."""
     lag = loop.family.model == "lag" and loop.family.uncertain_names == ("time_constant_s",)
+    # with a measurement filter the plant of the loop is no lag
+    lag = lag and loop.gains.measurement_filter is None
     return lag and not (isinstance(loop, SampledBallLoop) and loop.whole_samples is None)
 
 

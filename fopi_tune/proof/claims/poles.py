@@ -5,8 +5,8 @@ The closed-loop poles are the roots of  F(s) = s^a D(s) + s^a C(s) N(s) e^{-Ls},
     C = kp + ki s^-alpha              a = alpha, without ki 0         s^a C -> ki, without ki kp        C -> kp
     C = kp + ki/s + kd s/(Tf s + 1)   a = 1, without ki 0             s^a C -> ki, without ki kp        C -> kp + kd/Tf
 
-as s -> 0 and as s -> inf.  F is analytic for Re s > 0, since the filter's pole -1/Tf is on the left.  Along
-+0 -> j0 -> j inf -> +inf the argument of F changes by
+as s -> 0 and as s -> inf; N/D is the plant with its measurement filter.  F is analytic for Re s > 0, since the filters'
+poles are on the left.  Along +0 -> j0 -> j inf -> +inf the argument of F changes by
 
     Delta arg F = -pi Z ,                                                                                          (1)
 
@@ -96,6 +96,9 @@ def is_structurally_unstable(loop: BallLoop, theta: tuple[float, ...]) -> bool:
     if structure.at_zero.is_zero() and plant.denominator[-1].value.is_zero():
         return True
     if len(plant.numerator) < len(plant.denominator) or not plant.dead_time.value > 0:
+        return False
+    if loop.gains.measurement_filter is not None:
+        # it ends every direct path
         return False
     return bool(abs(structure.at_infinity * plant.numerator[0].value / plant.denominator[0].value) > 1)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi, refuse_derivative_in
+from fopi_tune.core.controller import FoPi, refuse_derivative_in, refuse_measurement_filter_in
 from fopi_tune.core.plant import Plant
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
@@ -77,6 +77,7 @@ def simulate_loop(
         DomainError: something only a sampled loop has, a derivative, a start without solution, or too many samples.
     """
     refuse_derivative_in(gains, "the exact simulation in continuous time")
+    refuse_measurement_filter_in(gains, "the exact simulation in continuous time")
     refuse_samples_only(scenario, controller.limits_rate)
     step, coarse = _step(scenario.duration_s, sample_time_s, plant.dead_time_s), None
     while coarse is None:

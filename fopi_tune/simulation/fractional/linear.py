@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Complex
-from fopi_tune.core.controller import FoPi, refuse_derivative_in
+from fopi_tune.core.controller import FoPi, refuse_derivative_in, refuse_measurement_filter_in
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable
@@ -156,6 +156,7 @@ class LoopTransform:
 
     def __post_init__(self) -> None:
         refuse_derivative_in(self.gains, "an exact response in continuous time")
+        refuse_measurement_filter_in(self.gains, "an exact response in continuous time")
         if self.gains.kp == 0.0 == self.gains.ki:
             raise DomainError("kp = ki = 0: there is no controller, so there is no loop; give one of them a value")
         if self.plant.dead_time_s == 0.0 and 1.0 + self.gains.kp * self.direct == 0.0:

@@ -21,7 +21,7 @@ from fractions import Fraction
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
-from fopi_tune.core.controller import FoPi, refuse_derivative_in
+from fopi_tune.core.controller import FoPi, refuse_derivative_in, refuse_measurement_filter_in
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import SECTOR_RAD
@@ -63,6 +63,7 @@ class Characteristic:
             DomainError: the controller has a derivative.
         """
         refuse_derivative_in(gains, "the list of a loop's poles")
+        refuse_measurement_filter_in(gains, "the list of a loop's poles")
         numerator = np.trim_zeros(np.array(plant.numerator, dtype=float), "f")
         return cls(numerator, np.array(plant.denominator, dtype=float), gains.kp, gains.ki, gains.alpha)
 

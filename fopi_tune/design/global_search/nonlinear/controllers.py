@@ -25,6 +25,7 @@ class Kind(NamedTuple):
         peaks: whether a slot keeps its frequency at a peak.
         slopes: whether a slot has a slope of the phase.
         rise_corners: of a derivative's filter.
+        filtered: whether a measurement filter makes |C S| smaller.
     """
 
     corners: int = 0
@@ -35,6 +36,7 @@ class Kind(NamedTuple):
     peaks: bool = False
     slopes: bool = False
     rise_corners: int = 0
+    filtered: bool = False
 
     @classmethod
     def of(cls, sampling: Sampling, orders: bool = False) -> tuple[Kind, Array]:

@@ -7,9 +7,9 @@ one plant at one frequency (its parameters: the coefficients of N and D, the dea
     an equation   that keeps v at a peak, at |L| = e^-(level + level_t t), at a phase, at v0, or at the first v
     a row         sign (limit - value) + with_t t + with_reference (angle of the first slot) >= 0  (or = 0) ,
 
-where `value` is a weighted sum of ln|C|, ln|L|, ln|1 + L|, the angle arg L + offset, that angle over omega, the slope
-of arg L, ln omega, and ln|C(infinity)|.  Nothing is compiled for a spec.  The controller enters through
-`controllers.py` alone, whose `Kind` says of which structure it is.  On samples v
+where `value` is a weighted sum of ln|C| with its measurement filter, ln|L|, ln|1 + L|, the angle arg L + offset, that
+angle over omega, the slope of arg L, ln omega, and ln|C(infinity)|.  Nothing is compiled for a spec.  The controller
+enters through `controllers.py` alone, whose `Kind` says of which structure it is.  On samples v
 is the coordinate of `samples.py`, with omega and the delay's phase by (1) and the filter by (2) there: a program for
 each number of corners, whose parameters are what the corners and the gain depend on.  A program without a slot at a
 peak, or with a slope, leaves these out.
@@ -39,15 +39,14 @@ from fopi_tune.design.global_search.nonlinear.controllers import (
     controller_parts,
     times,
 )
-from fopi_tune.design.global_search.tables import WIDTH
+from fopi_tune.design.global_search.tables import COEFFICIENTS, DELAY, LAG, LAG_SQUARE, WIDTH
 
-#: names of a slot's parameters after its 2 WIDTH + 1 coefficients
+#: names of a slot's parameters after its coefficients
 NAMES = (
     "near", "peak", "gain", "phase", "fixed", "reference", "level", "level_t", "v0",
     "log_c", "log_l", "log_s", "angle", "lag", "slope", "log_omega", "log_end",
     "offset", "sign", "limit", "with_t", "with_reference", "is_first",
 )  # fmt: skip
-COEFFICIENTS = 2 * WIDTH + 1
 PARAMETERS = COEFFICIENTS + len(NAMES)
 INDEX = {name: COEFFICIENTS + k for k, name in enumerate(NAMES)}
 SIZES = (4, 8, 16, 32)
@@ -112,15 +111,18 @@ def _slot(
     product = times(times(controller, top), (bottom[0], -bottom[1]))
     turned = times(product, (ca.cos(of("near")), -ca.sin(of("near"))))
     angle_of_omega = omega if half is None else 2.0 * ca.atan(half * omega)
-    phase = ca.atan2(turned[1], turned[0]) + of("near") - angle_of_omega * p[2 * WIDTH]
-    log_omega = v
+    phase = ca.atan2(turned[1], turned[0]) + of("near") - angle_of_omega * p[DELAY]
+    log_omega, log_noise = v, log_c
+    if kind.filtered:
+        # |C S| has the measurement filter, which the plant's D holds as well
+        log_noise = log_c - _log_size((1.0 - p[LAG_SQUARE] * omega**2, p[LAG] * omega))
     if half is not None:
         omega = 0.5 * angle_of_omega / half
         log_omega = ca.log(omega)
     gain = ca.exp(log_l)
     log_s = -_log_size((1.0 + gain * ca.cos(phase), gain * ca.sin(phase)))
     angle = phase + of("offset")
-    band = of("log_c") * log_c + of("log_l") * log_l + of("log_s") * log_s
+    band = of("log_c") * log_noise + of("log_l") * log_l + of("log_s") * log_s
     log_end = 0.5 * ca.log(controller_at_infinity(kp, third, made, of("is_first")) ** 2 + _TINY)
     value = (
         band + of("angle") * angle + of("lag") * angle / omega
