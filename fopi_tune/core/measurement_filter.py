@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from fopi_tune.core.bode_form import BodeForm
+    from fopi_tune.core.bode_form import Array, BodeForm
 
 #: names of a measurement filter's numbers in documents
 FILTER_NAMES = ("measurement_filter_order", "measurement_filter_time_constant_s")
@@ -62,7 +62,11 @@ class MeasurementFilter:
         return (time, 1.0) if self.order == 1 else (0.5 * time * time, time, 1.0)
 
     def slower(self, factor: float) -> MeasurementFilter:
-        """The same filter with time in another unit: T times a factor."""
+        """The same filter with time in another unit.
+
+        Args:
+            factor: of T, the new units in a second.
+        """
         return MeasurementFilter(self.order, self.time_constant_s * factor)
 
     def log(self, count: int) -> BodeForm:
@@ -78,6 +82,30 @@ class MeasurementFilter:
         ones, none = np.ones((count, self.order)), np.zeros(count)
         corner = np.log(np.abs(roots)) - math.log(self.time_constant_s)
         return BodeForm(none, none, none, -ones, ones, corner * ones, np.angle(-1j / roots) * ones, none)
+
+    def polynomials_in_z(self, sample_time_s: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Numerator and denominator of (1), descending powers of z.
+
+        Args:
+            sample_time_s: Ts, s.
+        """
+        a = 2.0 * self.time_constant_s / sample_time_s
+        if self.order == 1:
+            return (1.0, 1.0), (1.0 + a, 1.0 - a)
+        square = 0.5 * a * a
+        return (1.0, 2.0, 1.0), (1.0 + a + square, 2.0 - 2.0 * square, 1.0 - a + square)
+
+    def on_samples(self, omega_rad_s: Array, sample_time_s: float) -> NDArray[np.complex128]:
+        """F(e^{j omega Ts}) by Tustin's rule, shape (n,); 0, but for rounding, at Nyquist's frequency.
+
+        Args:
+            omega_rad_s: shape (n,), rad/s, up to Nyquist's frequency.
+            sample_time_s: Ts, s.
+        """
+        import numpy as np
+
+        half = 0.5 * np.minimum(omega_rad_s * sample_time_s, np.pi)
+        return self(2j / sample_time_s * np.tan(half))
 
     def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
         """F(s) at complex numbers of any shape."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.measurement_filter import MeasurementFilter
 
 #: relative; frequencies this close to Nyquist's count as equal to it: tan(omega Ts/2) has no accurate digits there
 _NYQUIST_ROUNDING = 1e-12
@@ -70,10 +71,15 @@ class Sections:
         """The number of sections before the derivative's."""
         return len(self.poles) - (len(self.parts.derivative) if self.parts is not None else 0)
 
-    def response(self, omega_rad_s: Array) -> NDArray[np.complex128]:
-        """C(e^{j omega Ts}), shape (n,)."""
+    def response(
+        self, omega_rad_s: Array, measurement_filter: MeasurementFilter | None = None
+    ) -> NDArray[np.complex128]:
+        """C(e^{j omega Ts}), shape (n,); with a measurement filter, which comes before the sum, F C."""
         half = 0.5 * omega_rad_s * self.sample_time_s
-        return self.at(2j * np.sin(half) * np.exp(1j * half))
+        terms = self.at(2j * np.sin(half) * np.exp(1j * half))
+        if measurement_filter is None:
+            return terms
+        return terms * measurement_filter.on_samples(omega_rad_s, self.sample_time_s)
 
     def at(self, shifted: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """C(z) at z = 1 + shifted, shape (n,); taking z - 1 avoids cancellation at poles close to 1."""

@@ -206,11 +206,15 @@ class SampledLoops(Loops):
         )
         return found if self._filter_in_s is None else found + self._filter_in_s.log(rows)
 
+    def controller_at(self, u: Array) -> Complex:
+        """C with its measurement filter at nu = e^u, shape (n,)."""
+        terms = self.sections.at(shifted(u))
+        return terms if self._filter_in_s is None else terms * self._filter_in_s(1j * np.exp(u))
+
     def response(self, rows: Rows, omega: Array) -> Complex:
         """L(e^{j omega Ts}); rows and omega of shape (n,)."""
         u = np.clip(self.u_of(omega), -_U_CAP, _U_CAP)
-        loop = self.sections.at(shifted(u)) * self.plants.at(rows, u)
-        return loop if self._filter_in_s is None else loop * self._filter_in_s(1j * np.exp(u))
+        return self.controller_at(u) * self.plants.at(rows, u)
 
     @cached_property
     def direct(self) -> Direct:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.realise import Precision
 from fopi_tune.errors import DomainError
@@ -49,6 +50,63 @@ class MeasuredDerivative:
             raise DomainError(f"a coefficient of the controller is beyond the range of {precision.value}; scale it")
         return found
 
+    def shorter_tracking(self, residue: float | None, equal_at_rad_s: float | None, sample_time_s: float) -> float:
+        """g beside a derivative: Ts omega, or, of a PID, sqrt(r_0 q_1/k_1) of its stored numbers; 0 without.
+
+        Args:
+            residue: r_0, of an integrator; None without one.
+            equal_at_rad_s: omega, where integral and derivative are equally large.
+            sample_time_s: Ts.
+        """
+        if equal_at_rad_s is not None:
+            return sample_time_s * equal_at_rad_s
+        if len(self.gains) != 1 or residue is None:
+            return 0.0
+        (gain,), (share,) = self.gains, self.shares
+        return math.sqrt(max(residue * share / gain, 0.0)) if gain else 0.0
+
+
+@dataclass(frozen=True)
+class SampledFilter:
+    """A measurement filter by Tustin's rule, (7) of `runtime`.
+
+    Args:
+        share: c, of y - m that moves the filtered measurement at once.
+        damping: d, of q that a sample takes; None of a filter of order 1, which has no q.
+    """
+
+    share: float
+    damping: float | None = None
+
+    @classmethod
+    def of(cls, used: MeasurementFilter, sample_time_s: float, precision: Precision) -> SampledFilter:
+        """The filter, rounded.
+
+        Raises:
+            DomainError: T < Ts/2, or T is so long that the precision loses a sample's share.
+        """
+        time, half = used.time_constant_s, 0.5 * sample_time_s
+        if time < half:
+            what = f"measurement_filter.time_constant_s {time:g} is below half the sample time, {half:g} s"
+            raise DomainError(
+                f"{what}: sampled, the filter would ring from sample to sample; write {half:g} or more, or a "
+                f"sample_time_s of {2.0 * time:g} or less"
+            )
+        a, dtype = time / half, precision.dtype
+        with np.errstate(over="ignore", under="ignore"):
+            if used.order == 1:
+                found = cls(float(dtype(1.0 / (1.0 + a))))
+            else:
+                whole = 2.0 + a * (2.0 + a)
+                found = cls(float(dtype(2.0 / whole)), float(dtype(2.0 * (1.0 + a) / whole)))
+        # in a sample the filtered measurement comes about 1/(1 + a) of the way
+        if 1.0 / (1.0 + a) < float(np.finfo(dtype).eps):
+            raise DomainError(
+                f"measurement_filter.time_constant_s {time:g} is so many samples long that {precision.value} loses "
+                "what one of them adds; take a longer sample time or a faster filter"
+            )
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class StoredCoefficients:
@@ -68,6 +126,24 @@ class StoredCoefficients:
     setpoint_weight: np.floating
     derivative_gains: NDArray[np.floating]
     derivative_shares: NDArray[np.floating]
+    filter_share: np.floating
+    filter_damping: np.floating
+
+    def lowpass(
+        self, lagged: NDArray[np.floating] | None, y: np.floating
+    ) -> tuple[np.floating, NDArray[np.floating] | None]:
+        """f of (7) in `runtime`, and m and q after the sample; y itself without a filter."""
+        if lagged is None:
+            return y, None
+        after, m = lagged.copy(), lagged[0]
+        p = self.filter_share * (y - m)
+        if len(lagged) > 1:
+            h = p - self.filter_damping * lagged[1]
+            p = lagged[1] + h
+            after[1] = p + h
+        f = m + p
+        after[0] = f + p
+        return f, after
 
     def finite(self, value: np.floating) -> bool:
         """By comparison, as on the target, which has no isfinite."""

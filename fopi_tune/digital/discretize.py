@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi, FoPid, derivative_of, refuse_measurement_filter_in, structure_of
+from fopi_tune.core.controller import FoPi, FoPid, derivative_of, structure_of
 from fopi_tune.core.parallel_form import Sections
+from fopi_tune.digital.coefficients import SampledFilter
 from fopi_tune.digital.fit import FIT_UP_TO, fit
 from fopi_tune.digital.oustaloup import ZeroPoleGain, modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Form, Precision, Realisation, checked_realisation, realise
@@ -30,6 +31,8 @@ _SAMPLES = 2000
 _TOLERANCE = 1e-3
 #: relative error that counts as accurate
 _ACCURATE = 0.05
+#: the measurement filter among the terms whose errors are stated
+FILTER_TERM = "measurement filter"
 #: shares of the Nyquist frequency up to which the error is stated
 _PARTS = (0.1, FIT_UP_TO, 1.0)
 #: the filter has to be accurate from this share of the gain crossover on
@@ -73,7 +76,8 @@ class DigitalController:
         digital: the spec's section.
         sections: the filter; without an integrator if ki = 0.
         errors: (frequency in rad/s, largest |C_d/C - 1| from `errors_from_rad_s` up to it), ascending.
-        errors_of_terms: of structure fopid the same of the integral and of the derivative, each against its own ideal.
+        errors_of_terms: of structure fopid the same of the integral and of the derivative, each against its own ideal;
+            of a measurement filter too.
         accurate_rad_s: the range around the band's middle in which |C_d/C - 1| is at most 5 %; None where it is larger
             in the middle itself.
         realisations: forms and precisions with their measured errors.
@@ -124,6 +128,8 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
         DomainError: the band does not fit the sample time, or the parallel form is too inaccurate in float32.
     """
     sections = sections_of(gains, digital, crossover_rad_s)
+    if gains.measurement_filter is not None:
+        SampledFilter.of(gains.measurement_filter, digital.sample_time_s, Precision.FLOAT32)
     pairs = [(form, precision) for form in Form for precision in Precision]
     # an overflow shows as an infinite error
     with np.errstate(all="ignore"):
@@ -145,9 +151,11 @@ def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None
         crossover_rad_s: where Tustin's rule is exact with `prewarp: crossover`.
 
     Raises:
-        DomainError: as for `discretize`; the derivative's filter is faster than half the sample time.
+        DomainError: as for `discretize`; the derivative's or the measurement's filter is faster than half the sample
+            time.
     """
-    refuse_measurement_filter_in(gains, "a digital controller")
+    if gains.measurement_filter is not None:
+        SampledFilter.of(gains.measurement_filter, digital.sample_time_s, Precision.FLOAT64)
     with np.errstate(all="ignore"):
         sections = with_derivative(
             _sections(gains, digital, crossover_rad_s), gains, _rest_of_derivative(gains, digital)
@@ -228,7 +236,7 @@ def _errors(
 def _relative_error(gains: FoPi, sections: Sections, from_rad_s: float) -> tuple[Array, Array]:
     """Frequencies up to Nyquist's, and |C_d/C - 1| there."""
     omega = np.geomspace(from_rad_s, np.pi / sections.sample_time_s, _FREQUENCIES)
-    return omega, np.abs(sections.response(omega) / gains(1j * omega) - 1.0)
+    return omega, np.abs(sections.response(omega, gains.measurement_filter) / gains(1j * omega) - 1.0)
 
 
 def _stated(omega: Array, error: Array) -> Errors:
@@ -239,19 +247,28 @@ def _stated(omega: Array, error: Array) -> Errors:
 
 
 def _errors_of_terms(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None) -> dict[str, Errors]:
-    """Of structure fopid the errors of the integral and the derivative alone, as far as there is such a term."""
+    """Of structure fopid the errors of the integral and the derivative alone, as far as there is such a term.
+
+    Of a measurement filter those of it alone.
+    """
+    low, used, filtered = _errors_from(digital, crossover_rad_s), gains.measurement_filter, {}
+    if used is not None:
+        omega = np.geomspace(low, np.pi / digital.sample_time_s, _FREQUENCIES)
+        error = np.abs(used.on_samples(omega, digital.sample_time_s) / used(1j * omega) - 1.0)
+        filtered = {FILTER_TERM: _stated(omega, error)}
+        gains = replace(gains, measurement_filter=None)
     if not isinstance(gains, FoPid) or structure_of(gains) != "fopid":
-        return {}
+        return filtered
     terms = {
         "integral": replace(gains, kp=0.0, kd=0.0) if gains.ki != 0.0 else None,
         "derivative": replace(gains, kp=0.0, ki=0.0) if gains.kd != 0.0 else None,
     }
-    low, found = _errors_from(digital, crossover_rad_s), {}
+    found: dict[str, Errors] = {}
     for name, term in terms.items():
         if term is not None:
             sections = sections_of(term, digital, crossover_rad_s)
             found[name] = _stated(*_relative_error(term, sections, low))
-    return found
+    return found | filtered
 
 
 def _test_input() -> Array:
@@ -274,6 +291,7 @@ def to_document(controller: DigitalController) -> dict[str, Any]:
             ],
             **_derivative_entry(sections),
         },
+        **_filter_entry(controller),
         **({"band_note": controller.band_note} if controller.band_note else {}),
         "errors": _errors_entry(controller.errors),
         **_errors_of_terms_entry(controller),
@@ -301,6 +319,21 @@ def _derivative_entry(sections: Sections) -> dict[str, Any]:
     # of a PID it is one section
     group = own[0] if len(own) == 1 else {"sections": own}
     return {"derivative": {"acts_on": "-measurement", "direct": sum(direct), **group}}
+
+
+def _filter_entry(controller: DigitalController) -> dict[str, Any]:
+    """The measurement's filter, which comes before the sum and is not in the realisations; no entry without one."""
+    used, time = controller.gains.measurement_filter, controller.digital.sample_time_s
+    if used is None:
+        return {}
+    found = SampledFilter.of(used, time, Precision.FLOAT64)
+    numbers = {"share": found.share, **({} if found.damping is None else {"damping": found.damping})}
+    return {
+        "measurement_filter": {
+            "acts_on": "measurement", "order": used.order, "time_constant_s": used.time_constant_s, "rule": "tustin",
+            **numbers,
+        }
+    }  # fmt: skip
 
 
 def _errors_entry(errors: Errors) -> list[dict[str, float]]:

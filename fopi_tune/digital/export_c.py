@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fopi_tune.digital.discretize import DigitalController, Method
+from fopi_tune.digital.discretize import FILTER_TERM, DigitalController, Method
 from fopi_tune.digital.realise import Form, Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.vectors import COLUMNS, standard_operations, vector_table
@@ -146,7 +146,8 @@ def controller_code(export: Export, precision: Precision, identifier: str, part_
         DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
     """
     sections, weight = export.controller.sections, export.setpoint_weight
-    runtime = Runtime.of(sections, precision, export.limits, export.rate_per_s, weight)
+    used = export.controller.gains.measurement_filter
+    runtime = Runtime.of(sections, precision, export.limits, export.rate_per_s, weight, used)
     values = with_export_id({**_values(export, runtime, identifier), **({"part_of": part_of} if part_of else {})})
     files = code_files("controller", {"part_of": "", **values})
     return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)
@@ -273,6 +274,7 @@ def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]
         "flush_text": _power_of_two(runtime.precision.flush_below),
         "absorbing_text": _power_of_two(runtime.precision.absorbs_flushed),
         **_parts(runtime),
+        "filter_errors": f"off by {_stated(controller.errors_of_terms.get(FILTER_TERM, ()))}",
         "rows": [(label, numbers(getattr(runtime, label))) for label in ("poles", "residues", "weights")],
     }
 
@@ -294,6 +296,10 @@ def _parts(runtime: Runtime) -> dict[str, Any]:
         rows = (("gains", runtime.derivative.gains), ("shares", runtime.derivative.shares))
         values |= {"derivative_rows": [(label, _numbers(row, runtime.precision)) for label, row in rows]}
         values |= {"derivatives": len(runtime.derivative.gains)}
+    if (used := runtime.measurement_filter) is not None:
+        pair = _numbers((used.share, used.damping or 0.0), runtime.precision)
+        values |= {"filter_order": 1 if used.damping is None else 2}
+        values |= {"filter_share": pair[0], "filter_damping": pair[1]}
     return {**values, **({"starts_at_first_sample": True} if runtime.starts_at_first_sample else {})}
 
 
@@ -301,7 +307,8 @@ def _signals(runtime: Runtime) -> str:
     """Which term acts on which signal."""
     terms = ["kp on b r - y" if runtime.proportional != 0.0 else "kp on r - y", "ki on r - y"]
     terms += ["kd on -y"] if runtime.derivative is not None else []
-    return f"r is the setpoint and y the measurement; {', '.join(terms)}"
+    measured = "the measurement" if runtime.measurement_filter is None else "the filtered measurement"
+    return f"r is the setpoint and y {measured}; {', '.join(terms)}"
 
 
 def _filter(controller: DigitalController) -> str:
@@ -316,6 +323,8 @@ def _errors(controller: DigitalController) -> str:
     low = controller.errors_from_rad_s
     text = f"relative error |C_d/C - 1| from {low:g} rad/s: {_stated(controller.errors) or 'not stated'}"
     for name, errors in controller.errors_of_terms.items():
+        if name == FILTER_TERM:
+            continue
         text += f"; of the {name} alone {_stated(errors) or 'not stated'}"
     if controller.accurate_rad_s is not None:
         first, last = controller.accurate_rad_s

@@ -34,14 +34,14 @@ def runtime_of(sections: Sections, spec: DesignSpec) -> Runtime:
 
     Args:
         sections: the digital controller.
-        spec: gives the limits, if any, and the setpoint's weight.
+        spec: gives the limits, if any, the setpoint's weight, and the measurement's filter.
 
     Raises:
         DomainError: the limits are empty, or a coefficient is out of range.
     """
     digital, weight = spec.digital, spec.controller.setpoint_weight
     limits, rate = (digital.output_limits, digital.output_rate_per_s) if digital is not None else (None, None)
-    return Runtime.of(sections, Precision.FLOAT64, limits, rate, weight)
+    return Runtime.of(sections, Precision.FLOAT64, limits, rate, weight, spec.controller.measurement_filter)
 
 
 def designed_implementation(spec: DesignSpec, gains: FoPi) -> Implementation | None:

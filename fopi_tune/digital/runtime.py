@@ -25,6 +25,16 @@ output: no anti-windup acts on them, and (3) takes them as they are after the sa
 
     m_j <- y,        x_0 <- x_0 - kp (b y - y) .                                                                   (6)
 
+A measurement filter of order 1 or 2, by Tustin's rule, gives f in the place of y in all of the above but NaN's test:
+
+    order 1:    p = c (y - m),                                        c = 1/(1 + a)
+    order 2:    h = c (y - m) - d q,    p = q + h,    q <- p + h,     c = 2/(2 + 2a + a^2),    d = (1 + a) c
+    f = m + p,    m <- f + p,                                         a = 2 T/Ts .                                 (7)
+
+In w = (z - 1)/(z + 1) that is 1/(1 + wa) and 1/(1 + wa + w^2 a^2/2).  A measurement at rest is passed as it is, however
+c and d are rounded, and close to 1 no pole is stored.  The first sample after `init` and `reset` has m <- y, q <- 0,
+and so f = y; m and q are flushed as m_j are, by |y|.
+
 Anti-windup is back-calculation by weights that sum to 1.  While the output is limited, w_k = r_k/sum r_j (over p_j > 0)
 makes the correction take from each section what a constant error adds to it: no section winds up, not even a slow one.
 While the rate is limited it does the same: v stays near what the actuator can follow.
@@ -65,24 +75,24 @@ samples of it would make the last place of an output of 1 in float32 (F is 1e-31
 and after one of tracking.
 
 Source: back-calculation with sqrt(Ti Td) as in Astrom and Hagglund, Advanced PID Control, 2006; weights and (2) derived
-here; r_0 q_1/k_1 = Ts^2 ki/kd = Ts^2/(Ti Td).
+here; r_0 q_1/k_1 = Ts^2 ki/kd = Ts^2/(Ti Td).  (7) is the trapezoidal integration of a state-variable filter.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.coefficients import (
     MeasuredDerivative,
+    SampledFilter,
     StoredCoefficients,
     anti_windup,
     check_coefficients,
@@ -110,6 +120,7 @@ class Runtime:
         proportional: kp of kp (b r - y); 0 for b = 1, where `direct` has it.
         setpoint_weight: b.
         derivative: None without one.
+        measurement_filter: None without one.
     """
 
     precision: Precision
@@ -123,11 +134,13 @@ class Runtime:
     proportional: float = 0.0
     setpoint_weight: float = 1.0
     derivative: MeasuredDerivative | None = None
+    measurement_filter: SampledFilter | None = None
 
     @classmethod
     def of(
         cls, sections: Sections, precision: Precision, limits: tuple[float, float] | None = None,
         rate_per_s: float | None = None, setpoint_weight: float = 1.0,
+        measurement_filter: MeasurementFilter | None = None,
     ) -> Runtime:  # fmt: skip
         """Round a controller to a precision, once.
 
@@ -137,11 +150,12 @@ class Runtime:
             limits: of the output, lower first; infinite, or None for both, where there is none.
             rate_per_s: fastest change of the output, per s; None where there is no limit.
             setpoint_weight: b; other than 1 for sections with their parts only.
+            measurement_filter: F; None is 1.
 
         Raises:
             DomainError: the limits are empty, the rate is not greater than 0 or lost to rounding, a coefficient is
-                beyond the precision's range, a rounded pole is not inside the unit circle, or the sections of a weight
-                have no parts.
+                beyond the precision's range, a rounded pole is not inside the unit circle, the sections of a weight
+                have no parts, or F is faster than half a sample or lost to rounding.
         """
         within = limits_within(limits, precision)
         change = most_change(rate_per_s, sections.sample_time_s, within, precision)
@@ -151,7 +165,11 @@ class Runtime:
         check_coefficients(sections, rows, precision)
         weights, gain = anti_windup(direct, poles, residues, precision)
         made = cls(precision, direct, _floats(poles), _floats(residues), _floats(weights), gain, within, change)
-        return _with_parts(made, sections, setpoint_weight)
+        made = _with_parts(made, sections, setpoint_weight)
+        if measurement_filter is None:
+            return made
+        sampled = SampledFilter.of(measurement_filter, sections.sample_time_s, precision)
+        return replace(made, measurement_filter=sampled)
 
     @property
     def has_integrator(self) -> bool:
@@ -166,12 +184,13 @@ class Runtime:
     @property
     def acts_on_error(self) -> bool:
         """Whether the output depends on r and y by r - y alone."""
-        return self.proportional == 0.0 and self.derivative is None
+        return self.proportional == 0.0 and self.derivative is None and self.measurement_filter is None
 
     @property
     def starts_at_first_sample(self) -> bool:
-        """Whether the first sample after `init` and `reset` sets states, (6)."""
-        return self.derivative is not None or (self.proportional != 0.0 and self.has_integrator)
+        """Whether the first sample after `init` and `reset` sets states, (6) and (7)."""
+        remembers = self.derivative is not None or self.measurement_filter is not None
+        return remembers or (self.proportional != 0.0 and self.has_integrator)
 
     @cached_property
     def stored(self) -> StoredCoefficients:
@@ -185,8 +204,13 @@ class Runtime:
         gains, shares = (np.array(row, dtype=dtype) for row in (derivative.gains, derivative.shares))
         return StoredCoefficients(
             direct, poles, residues, weights, gain, low, high, change, largest, flush_below, dtype(self.proportional),
-            dtype(self.setpoint_weight), gains, shares,
+            dtype(self.setpoint_weight), gains, shares, *self._filter_numbers,
         )  # fmt: skip
+
+    @property
+    def _filter_numbers(self) -> tuple[np.floating, np.floating]:
+        used, dtype = self.measurement_filter or SampledFilter(1.0), self.precision.dtype
+        return dtype(used.share), dtype(used.damping or 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,38 +222,14 @@ class State:
         output: the last output, of the precision's type.
         filtered: m_j, the measurements that the derivative is taken from, of its length; None without one.
         is_new: whether the next sample is the first one, where this sets states.
+        lagged: m, and q of order 2, of a measurement filter; None without one.
     """
 
     x: NDArray[np.floating]
     output: np.floating
     filtered: NDArray[np.floating] | None = None
     is_new: bool = False
-
-
-class Op(StrEnum):
-    """What a caller can do; the value is the word in a table of operations."""
-
-    INIT = "init"
-    STEP = "step"
-    TRACK = "track"
-    RESET = "reset"
-
-
-@dataclass(frozen=True)
-class Operation:
-    """A call of the controller.
-
-    Args:
-        op: which one.
-        setpoint: of step and track.
-        measurement: of step and track.
-        output: what was applied, of track; where to start, of reset.
-    """
-
-    op: Op
-    setpoint: float = 0.0
-    measurement: float = 0.0
-    output: float = 0.0
+    lagged: NDArray[np.floating] | None = None
 
 
 def init(runtime: Runtime) -> State:
@@ -252,7 +252,9 @@ def reset(runtime: Runtime, output: float) -> State:
     if runtime.has_integrator:
         x[0] = start
     filtered = None if runtime.derivative is None else np.zeros(len(numbers.derivative_gains), dtype=dtype)
-    return State(x, start, filtered, runtime.starts_at_first_sample)
+    used = runtime.measurement_filter
+    lagged = None if used is None else np.zeros(1 if used.damping is None else 2, dtype=dtype)
+    return State(x, start, filtered, runtime.starts_at_first_sample, lagged)
 
 
 def step(runtime: Runtime, state: State, setpoint: float, measurement: float) -> State:
@@ -284,27 +286,14 @@ def follow_from(runtime: Runtime, state: State, output: np.floating) -> State:
     return replace(state, output=runtime.stored.limited(output))
 
 
-def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
-    """The output after each operation, from a fresh `init`; shape (n,)."""
-    state, outputs = init(runtime), []
-    for operation in operations:
-        if operation.op is Op.STEP:
-            state = step(runtime, state, operation.setpoint, operation.measurement)
-        elif operation.op is Op.TRACK:
-            state = track(runtime, state, operation.setpoint, operation.measurement, operation.output)
-        else:
-            state = init(runtime) if operation.op is Op.INIT else reset(runtime, operation.output)
-        outputs.append(float(state.output))
-    return np.array(outputs)
-
-
 @np.errstate(all="ignore")
 def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None) -> State:
-    """(1) or (3), with (4) to (6); the state itself when a number is not finite."""
+    """(1) or (3), with (4) to (7); the state itself when a number is not finite."""
     c, dtype = runtime.stored, runtime.precision.dtype
-    r, y = dtype(setpoint), dtype(measurement)
-    e, held = r - y, state
-    state = _at_rest(runtime, state, y) if state.is_new else state
+    r, measured, held = dtype(setpoint), dtype(measurement), state
+    state = _at_rest(runtime, state, measured) if state.is_new else state
+    y, lagged = c.lowpass(state.lagged, measured)
+    e = r - y
     v = _total(_without_memory(runtime, r, y, e, state.filtered), state.x)
     filtered = None if state.filtered is None else state.filtered + c.derivative_shares * (y - state.filtered)
     if not (c.finite(e) and c.finite(v)):
@@ -320,22 +309,27 @@ def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: fl
         following = c.poles * state.x
         if runtime.has_integrator:
             following[0] = u - _total(_without_memory(runtime, r, y, e, filtered), following[1:])
-    if not np.all(np.isfinite(following)) or not (filtered is None or np.all(np.isfinite(filtered))):
+    if not all(part is None or np.all(np.isfinite(part)) for part in (following, filtered, lagged)):
         return held
     if applied is not None or abs(e) < c.flush_below:
         following[np.abs(following) < c.flush_below] = 0.0
     if filtered is not None and (applied is not None or abs(y) < c.flush_below):
         filtered[np.abs(filtered) < c.flush_below] = 0.0
-    return State(following, u, filtered)
+    if lagged is not None and (applied is not None or abs(measured) < c.flush_below):
+        lagged[np.abs(lagged) < c.flush_below] = 0.0
+    return State(following, u, filtered, lagged=lagged)
 
 
 def _at_rest(runtime: Runtime, state: State, y: np.floating) -> State:
-    """(6)."""
+    """(6), and that of (7)."""
     c, x = runtime.stored, state.x.copy()
     if runtime.proportional != 0.0 and runtime.has_integrator:
         x[0] = x[0] - c.proportional * (c.setpoint_weight * y - y)
     filtered = None if state.filtered is None else np.full_like(state.filtered, y)
-    return replace(state, x=x, filtered=filtered, is_new=False)
+    lagged = None if state.lagged is None else np.zeros_like(state.lagged)
+    if lagged is not None:
+        lagged[0] = y
+    return replace(state, x=x, filtered=filtered, is_new=False, lagged=lagged)
 
 
 def _without_memory(
@@ -371,24 +365,15 @@ def _with_parts(made: Runtime, sections: Sections, setpoint_weight: float) -> Ru
             kp, direct, weight = (float(dtype(n)) for n in (parts.proportional, parts.integral, setpoint_weight))
             made = replace(made, direct=direct, proportional=kp, setpoint_weight=weight)
         if sections.has_derivative:
-            made = replace(made, derivative=MeasuredDerivative.of(sections, made.precision))
-            gain = _shorter_tracking(made, parts.equal_at_rad_s, sections.sample_time_s)
+            derivative = MeasuredDerivative.of(sections, made.precision)
+            made = replace(made, derivative=derivative)
+            first = made.residues[0] if made.has_integrator else None
+            gain = derivative.shorter_tracking(first, parts.equal_at_rad_s, sections.sample_time_s)
             if made.tracking_gain > 0.0:
                 made = replace(made, tracking_gain=max(made.tracking_gain, float(dtype(min(1.0, gain)))))
     if not math.isfinite(made.setpoint_weight):
         raise DomainError(f"a coefficient of the controller is beyond the range of {made.precision.value}; scale it")
     return made
-
-
-def _shorter_tracking(made: Runtime, equal_at_rad_s: float | None, sample_time_s: float) -> float:
-    """g beside a derivative: Ts omega, or, of a PID, sqrt(r_0 q_1/k_1) of its stored numbers; 0 without."""
-    if equal_at_rad_s is not None:
-        return sample_time_s * equal_at_rad_s
-    derivative = made.derivative
-    if derivative is None or len(derivative.gains) != 1 or not made.has_integrator:
-        return 0.0
-    (gain,), (share,) = derivative.gains, derivative.shares
-    return math.sqrt(max(made.residues[0] * share / gain, 0.0)) if gain else 0.0
 
 
 def _floats(values: Array) -> tuple[float, ...]:

@@ -28,7 +28,8 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.digital import runtime
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime, State
+from fopi_tune.digital.runtime import Runtime, State
+from fopi_tune.digital.vectors import Op, Operation
 from fopi_tune.errors import DomainError
 
 

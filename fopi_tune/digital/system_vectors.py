@@ -8,9 +8,8 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Sequence
 
-from fopi_tune.digital.runtime import Op, Operation
 from fopi_tune.digital.switched_runtime import SwitchedRuntime, replay
-from fopi_tune.digital.vectors import EXTREME, NOT_FINITE, in_float32, signal_size, steps
+from fopi_tune.digital.vectors import EXTREME, NOT_FINITE, Op, Operation, in_float32, signal_size, steps
 
 #: first line of the table; a mode is 1 or 2
 COLUMNS = "op,setpoint,measurement,start_at,expected_f64,expected_f32,mode_f64,mode_f32"

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
-from fopi_tune.digital.runtime import Op, Operation, Runtime, replay
+from fopi_tune.core.bode_form import Array
+from fopi_tune.digital.runtime import Runtime, init, reset, step, track
 
 #: first line of the table
 COLUMNS = "op,setpoint,measurement,applied_or_output,expected_f64,expected_f32"
@@ -21,6 +24,46 @@ NOT_FINITE = (float("nan"), float("inf"), float("-inf"))
 #: share of the output's range that a signal of size 1 covers
 _SHARE = 0.3
 _SEED = 20
+
+
+class Op(StrEnum):
+    """What a caller can do; the value is the word in a table of operations."""
+
+    INIT = "init"
+    STEP = "step"
+    TRACK = "track"
+    RESET = "reset"
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A call of the controller.
+
+    Args:
+        op: which one.
+        setpoint: of step and track.
+        measurement: of step and track.
+        output: what was applied, of track; where to start, of reset.
+    """
+
+    op: Op
+    setpoint: float = 0.0
+    measurement: float = 0.0
+    output: float = 0.0
+
+
+def replay(runtime: Runtime, operations: Iterable[Operation]) -> Array:
+    """The output after each operation, from a fresh `init`; shape (n,)."""
+    state, outputs = init(runtime), []
+    for operation in operations:
+        if operation.op is Op.STEP:
+            state = step(runtime, state, operation.setpoint, operation.measurement)
+        elif operation.op is Op.TRACK:
+            state = track(runtime, state, operation.setpoint, operation.measurement, operation.output)
+        else:
+            state = init(runtime) if operation.op is Op.INIT else reset(runtime, operation.output)
+        outputs.append(float(state.output))
+    return np.array(outputs)
 
 
 def vector_table(float64: Runtime, float32: Runtime, operations: Sequence[Operation]) -> str:
@@ -69,7 +112,7 @@ def standard_operations(runtime: Runtime, seed: int = _SEED, mixed: int = 800) -
         rows += steps(40, lambda k: size, lambda k: 0.5 * size)
     rows += [_random_operation(draw, size) for _ in range(mixed)]
     rows += _at_rest(runtime)
-    if runtime.derivative is not None:
+    if runtime.derivative is not None or runtime.measurement_filter is not None:
         rows += _measurements_at_rest()
     if runtime.limits_rate:
         rows += _around_the_rate(runtime, draw)

@@ -18,7 +18,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.crossings import Crossings, negative_ends
 from fopi_tune.core.peaks import Response
-from fopi_tune.core.sampled_loops import SampledLoops, shifted
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, QuantityAtCrossings
@@ -186,8 +186,8 @@ class MarginScan:
     def _log_controller(self, u: Array) -> Complex:
         """ln C on a grid of shape (m, n)."""
         if not self._narrow.size:  # all rows are the same
-            return np.asarray(np.log(self.loops.sections.at(shifted(u[0])))[None, :], dtype=complex)
-        return np.asarray(np.log(self.loops.sections.at(shifted(u.ravel()))).reshape(u.shape), dtype=complex)
+            return np.asarray(np.log(self.loops.controller_at(u[0]))[None, :], dtype=complex)
+        return np.asarray(np.log(self.loops.controller_at(u.ravel())).reshape(u.shape), dtype=complex)
 
     def _at(self, rows: Rows, u: float) -> Complex:
         return self.loops.log_response(rows, np.full(len(rows), u))[:, None]
@@ -196,7 +196,7 @@ class MarginScan:
         """The maxima within brackets, by golden-section search."""
 
         def value(u: Array) -> Array:
-            controller: Complex = np.log(self.loops.sections.at(shifted(u)))
+            controller: Complex = np.log(self.loops.controller_at(u))
             with np.errstate(all="ignore"):
                 plant: Complex = np.log(self.loops.plants.at(rows, u))
             return sign * _response(controller + plant, controller, response)

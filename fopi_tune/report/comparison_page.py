@@ -54,6 +54,7 @@ def _facts(comparison: Comparison) -> list[tuple[str, list[str]]]:
         ("ki", lambda f: "–" if f.gains is None else number(f.gains.ki)),
         ("alpha", lambda f: "–" if f.gains is None else number(f.gains.alpha)),
         *(_DERIVATIVE_FACTS if any(isinstance(each.gains, FoPid) for each in every) else ()),
+        *(_FILTER_FACTS if any(each.gains and each.gains.measurement_filter for each in every) else ()),
         *(_ORDER_FACTS if any(_has_order(each.gains) for each in every) else ()),
         ("gains from", lambda f: f.design["stamp"]["solver"] or "the spec or the command line"),
         ("stability", _stability),
@@ -70,12 +71,19 @@ def _of_derivative(name: str, documents: ResultDocuments) -> str:
     return number(getattr(documents.gains, name)) if isinstance(documents.gains, FoPid) else "–"
 
 
+def _filter_of(documents: ResultDocuments) -> str:
+    used = None if documents.gains is None else documents.gains.measurement_filter
+    return "none" if used is None else f"order {used.order}, {number(used.time_constant_s)} s"
+
+
 def _has_order(gains: object) -> bool:
     return isinstance(gains, FoPid) and not isinstance(gains, Pid)
 
 
 #: shown where one of the designs is of structure fopid
 _ORDER_FACTS = (("mu", partial(_of_derivative, "mu")),)
+#: shown where one of the designs filters its measurement
+_FILTER_FACTS = (("measurement filter", _filter_of),)
 #: shown where one of the designs has a derivative
 _DERIVATIVE_FACTS = (
     ("kd", partial(_of_derivative, "kd")),

@@ -24,6 +24,7 @@ from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
 from fopi_tune.report.text.formatting import (
     exact_limit,
+    filter_formula,
     margins_phrase,
     number,
     score_note,
@@ -132,7 +133,10 @@ def _gains_words(gains: FoPi, status: str) -> str:
     }[structure_of(gains)]
     values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in names)
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
-    return f"C(s) = {formula} with {values}{no_solution}"
+    if gains.measurement_filter is None:
+        return f"C(s) = {formula} with {values}{no_solution}"
+    said = f"C(s) = F(s) ({formula}) with {values}"
+    return f"{said} and {filter_formula(gains.measurement_filter)} on the measurement{no_solution}"
 
 
 def _score_note(requirements: Sequence[ReportedRequirement]) -> str:

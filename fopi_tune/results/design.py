@@ -243,7 +243,9 @@ class Discretized:
         from fopi_tune.results.to_control import to_sampled
 
         crossover = self.verification.nominal.crossover_rad_s
-        return to_sampled(self.controller.sections, self.spec.plant, self.controller.digital.delay_samples, crossover)
+        controller = self.controller
+        used, delay = controller.gains.measurement_filter, controller.digital.delay_samples
+        return to_sampled(controller.sections, self.spec.plant, delay, crossover, used)
 
 
 @dataclass(frozen=True)

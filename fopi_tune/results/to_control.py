@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi, Pid, refuse_derivative_order_in, refuse_measurement_filter_in
+from fopi_tune.core.controller import FoPi, Pid, refuse_derivative_order_in
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.core.plant import Plant, PlantFamily
 from fopi_tune.core.sampled_loops import SampledPlants
@@ -57,12 +58,13 @@ def to_control(gains: FoPi | None, family: PlantFamily) -> ControlObjects:
     if gains is None:
         raise DomainError("there are no gains to convert; the design has no answer")
     refuse_derivative_order_in(gains, "an object of python-control")
-    refuse_measurement_filter_in(gains, "an object of python-control")
     from fopi_tune.core.margins import margins
 
     plant = family.member(family.nominal_point)
     centre = margins(gains, plant).crossover_rad_s or _fastest(plant)
     controller, moving = _controller(gains, centre), _with_pade(plant, centre)
+    if (used := gains.measurement_filter) is not None:
+        controller = in_series(ModalForm.of_polynomials((1.0,), used.coefficients, centre), controller, centre)
     reach = 10.0**_DECADES
     loop = in_series(controller, moving, centre)
     band = (centre / reach, centre * reach)
@@ -88,8 +90,9 @@ class SampledObjects:
 
 
 def to_sampled(
-    sections: Sections, family: PlantFamily, delay_samples: float, crossover_rad_s: float | None = None
-) -> SampledObjects:
+    sections: Sections, family: PlantFamily, delay_samples: float, crossover_rad_s: float | None = None,
+    measurement_filter: MeasurementFilter | None = None,
+) -> SampledObjects:  # fmt: skip
     """Controller, nominal plant and loop on samples as state-space systems of python-control.
 
     Args:
@@ -97,6 +100,7 @@ def to_sampled(
         family: whose nominal member is the plant.
         delay_samples: computing delay.
         crossover_rad_s: of the loop; None where there is none.
+        measurement_filter: F, a part of the controller by Tustin's rule; None is 1.
     """
     step, plant = sections.sample_time_s, family.member(family.nominal_point)
     rate = crossover_rad_s or 0.0
@@ -106,6 +110,9 @@ def to_sampled(
     # without a part of a sample and a direct path the measurement is the plant's state, which moves a sample later
     delay = late - 1 if part == 0.0 and moving.direct == 0.0 else late
     controller = ModalForm.of_residues(sections.poles, sections.residues, sections.direct)
+    if measurement_filter is not None:
+        filtered = ModalForm.of_polynomials(*measurement_filter.polynomials_in_z(step), rate * step)
+        controller = in_series(filtered, controller, rate * step, origin=1.0)
     loop = in_series(controller, moving, rate * step, origin=1.0)
     return SampledObjects(_object(controller, step), _object(moving, step, delay), _object(loop, step, delay))
 

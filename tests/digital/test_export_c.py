@@ -21,9 +21,9 @@ from fopi_tune.digital.discretize import sections_of
 from fopi_tune.digital.export_c import comment, literal, sanitized
 from fopi_tune.digital.oustaloup import modified_oustaloup, oustaloup
 from fopi_tune.digital.realise import Precision, run_parallel
-from fopi_tune.digital.runtime import Op, Operation, Runtime, State, init, replay, reset, step, track
+from fopi_tune.digital.runtime import Runtime, State, init, reset, step, track
 from fopi_tune.digital.transforms import matched, tustin
-from fopi_tune.digital.vectors import standard_operations, vector_table
+from fopi_tune.digital.vectors import Op, Operation, replay, standard_operations, vector_table
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 

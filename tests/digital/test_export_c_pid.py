@@ -15,8 +15,17 @@ import pytest
 from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.digital import Export, discretize, export_c
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime, State, init, replay, reset, step, track
-from fopi_tune.digital.vectors import NOT_FINITE, in_float32, signal_size, standard_operations, vector_table
+from fopi_tune.digital.runtime import Runtime, State, init, reset, step, track
+from fopi_tune.digital.vectors import (
+    NOT_FINITE,
+    Op,
+    Operation,
+    in_float32,
+    replay,
+    signal_size,
+    standard_operations,
+    vector_table,
+)
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 

@@ -17,9 +17,10 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital import Export, Memory, Switching, SystemExport, Units, discretize, export_system_c
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime
+from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import SwitchedRuntime, replay
 from fopi_tune.digital.system_vectors import COLUMNS, system_operations
+from fopi_tune.digital.vectors import Op, Operation
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.simulate import simulate
 from fopi_tune.simulation.scenario import (

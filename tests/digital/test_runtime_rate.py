@@ -16,8 +16,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import Export, discretize, export_c
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime, init, replay, reset, step, track
-from fopi_tune.digital.vectors import COLUMNS, in_float32, standard_operations
+from fopi_tune.digital.runtime import Runtime, init, reset, step, track
+from fopi_tune.digital.vectors import COLUMNS, Op, Operation, in_float32, replay, standard_operations
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
 

@@ -13,7 +13,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime
+from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import (
     Memory,
     SwitchedRuntime,
@@ -24,6 +24,7 @@ from fopi_tune.digital.switched_runtime import (
     reset,
     step,
 )
+from fopi_tune.digital.vectors import Op, Operation
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.simulate import simulate
 from fopi_tune.simulation.scenario import (

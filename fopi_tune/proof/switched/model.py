@@ -269,7 +269,7 @@ def plant_obstacle(loop: SwitchedLoop) -> str:
     if loop.controller.limits_rate:
         return RATE_NOT_MODELLED
     if not loop.controller.acts_on_error:
-        return "a derivative, and a setpoint weight, are not modelled in this proof"
+        return "a derivative, a measurement filter and a setpoint weight are not modelled in this proof"
     if loop.plant.model not in ("lag", "pole"):
         return "only plants of model lag or pole are handled"
     if parameters["dead_time_s"].max > 0.0:

@@ -175,7 +175,7 @@ class Members:
         """C at `omega`: of the digital controller where the loop is the one on samples."""
         implementation = self.documents.implementation
         if implementation is not None:
-            return implementation.sections.response(self.omega)
+            return implementation.sections.response(self.omega, self.gains.measurement_filter)
         return self.gains(1j * self.omega)
 
 

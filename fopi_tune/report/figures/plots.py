@@ -49,7 +49,7 @@ def controller_bode_svg(result: Discretized) -> str:
     nyquist = np.pi / digital.sample_time_s
     omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _POINTS)
     ideal = gains(1j * omega)
-    filtered = sections.response(omega)
+    filtered = sections.response(omega, gains.measurement_filter)
     with matplotlib.rc_context({"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}):
         figure = Figure(figsize=(6.4, 6.0), layout="constrained")
         canvas = FigureCanvasSVG(figure)
@@ -139,7 +139,7 @@ def digital_picture(documents: ResultDocuments) -> Picture | None:
     nyquist = implementation.nyquist_rad_s
     omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _REPORT_POINTS)
     ideal = gains(1j * omega)
-    filtered = implementation.sections.response(np.asarray(omega, dtype=float))
+    filtered = implementation.sections.response(np.asarray(omega, dtype=float), gains.measurement_filter)
     error = np.maximum(np.abs(filtered / ideal - 1.0), _SMALLEST_ERROR)
 
     def draw(figure: Figure) -> None:

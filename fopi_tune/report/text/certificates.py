@@ -14,7 +14,7 @@ from fopi_tune.report.text.formatting import (
     QUIET,
     Line,
     entry,
-    gains_line,
+    gains_lines,
     number,
     requirement_phrase,
     scope_phrase,
@@ -50,7 +50,7 @@ def recheck_text(found: Recheck) -> Text:
     lines = wrapped(f"{certificate.name}: sound. {said}", style_of(proved))
     for note in found.notes:
         lines += wrapped(f"Note: {note}.")
-    lines += [("", ""), (gains_line(gains), "bold"), ("", "")]
+    lines += [("", ""), *gains_lines(gains), ("", "")]
     for proof in certificate.requirements:
         lines += wrapped(f"{proof.verdict.value:<{FIRST_COLUMN}}{requirement_phrase(proof.requirement)}")
         lines += wrapped(_bounds(proof), QUIET, indent=" " * (FIRST_COLUMN + 2))

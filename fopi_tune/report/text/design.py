@@ -24,7 +24,7 @@ from fopi_tune.report.text.formatting import (
     endless_phrase,
     entry,
     exact_limit,
-    gains_line,
+    gains_lines,
     margins_phrase,
     number,
     requirement_phrase,
@@ -75,7 +75,7 @@ def design_text(design: Design) -> Text:
     lines += wrapped(f"Why: {sentence(design.message)}" if design.message else "")
     lines += clash_lines(design.clash, every_requirement(design.spec))
     if design.gains is not None:
-        lines += [("", ""), *wrapped(_GAINS_TITLES.get(status, "")), (gains_line(design.gains), "bold")]
+        lines += [("", ""), *wrapped(_GAINS_TITLES.get(status, "")), *gains_lines(design.gains)]
     if design.gains is not None or not design.clash:
         lines += requirement_lines(design.requirements, design.objective, design.measures)
     lines += summary_lines(objective_name(design.spec), design.objective, design.stability, design.nominal)
@@ -125,7 +125,7 @@ def check_text(check: Check) -> Text:
     else:
         said = "The loop is not stable for every plant of the family."
     lines = [*wrapped(f"{check.spec.name}: {check.status}. {said}", style_of(check.status == "met")), ("", "")]
-    lines.append((gains_line(found.gains), "bold"))
+    lines += gains_lines(found.gains)
     lines += requirement_lines(check.reports, found.objective, check.measures)
     for note in check.notes:
         lines += wrapped(f"{note}.", "yellow")

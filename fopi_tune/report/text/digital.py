@@ -15,7 +15,7 @@ from fopi_tune.report.text.formatting import (
     TIE,
     Line,
     entry,
-    gains_line,
+    gains_lines,
     number,
     style_of,
     to_text,
@@ -49,7 +49,7 @@ def digital_text(result: Discretized) -> Text:
         *wrapped(f"{result.spec.name}, digital: {status}. {said}", style_of(status == "met")),
         ("", ""),
     ]
-    lines.append((gains_line(controller.gains), "bold"))
+    lines += gains_lines(controller.gains)
     prewarped = ", prewarped" if digital.prewarp != "none" else ""
     made = f"{digital.method}, {digital.poles} poles" + (
         "" if digital.method == "fit" else f", {digital.rule}{prewarped}"
@@ -63,6 +63,8 @@ def digital_text(result: Discretized) -> Text:
         lines += entry("output", said)
     if (weight := result.spec.controller.setpoint_weight) != 1.0:
         lines += entry("setpoint", f"weight {number(weight)}: kp acts on {number(weight)} r - y")
+    if controller.gains.measurement_filter is not None:
+        lines += entry("measured", "behind its filter, by Tustin's rule, before the sections")
     if controller.sections.has_derivative:
         count = len(controller.sections.poles) - controller.sections.integral_sections
         last = "the last of the sections" if count == 1 else f"the last {count} sections"
@@ -84,7 +86,8 @@ def _sections(result: Discretized) -> Iterator[Line]:
     controller = result.controller
     sections = controller.sections
     yield "", ""
-    yield "C(z) = direct + sum of residue/(z - pole)", "bold"
+    used = controller.gains.measurement_filter
+    yield f"C(z){'' if used is None else '/F(z)'} = direct + sum of residue/(z - pole)", "bold"
     yield f"{'direct':<10}{number(sections.direct, 9):>18}", ""
     for pole, residue in zip(sections.poles, sections.residues, strict=True):
         yield f"{'pole':<10}{number(pole, 12):>18}   residue {number(residue, 9):>18}", ""
@@ -93,6 +96,8 @@ def _sections(result: Discretized) -> Iterator[Line]:
     for form in controller.realisations:
         stable = "" if form.stable else "   a pole leaves the unit circle"
         yield f"{form.form.value:<14}{form.precision.value:<12}{form.error:>10.1e}{stable}", ""
+    if used is not None:
+        yield from wrapped("The forms are of C/F; the measurement's filter runs before them, as in the C code.", QUIET)
     yield from wrapped("Errors of forms are relative to the largest output over a seeded noisy step.", QUIET)
 
 

@@ -16,7 +16,6 @@ from fopi_tune.report.text.formatting import (
     Line,
     drawn_phrase,
     entry,
-    gains_line,
     gains_lines,
     number,
     requirement_phrase,
@@ -53,7 +52,7 @@ def evidence_text(result: Validated) -> Text:
     family_is_fine = evidence.stable.total > evidence.outside and not evidence.missed_inside
     said = _HEADLINES["outside" if status == "violated" and family_is_fine else status]
     lines: list[Line] = [*wrapped(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
-    lines += [("", ""), (gains_line(result.digital.controller.gains), "bold")]
+    lines += [("", ""), *gains_lines(result.digital.controller.gains)]
     lines += _sampling_lines(evidence, "plants")
     lines += _header(evidence.validation)
     lines += _row("stable loop", evidence.stable)

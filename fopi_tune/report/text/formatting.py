@@ -10,6 +10,7 @@ from typing import Any
 from rich.text import Text
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.results.equalities import shown_score
@@ -168,7 +169,17 @@ def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
     """The gains of one loop, or of each mode of a system."""
     if isinstance(gains, Mapping):
         return [(f"{name:<{FIRST_COLUMN}}{gains_line(each, 46)}", "bold") for name, each in gains.items()]
-    return [(gains_line(gains), "bold")]
+    return [(gains_line(gains), "bold"), *_filter_lines(gains.measurement_filter)]
+
+
+def filter_formula(used: MeasurementFilter) -> str:
+    """A measurement filter in words: "F = 1/(1 + sT), T = 0.1 s"."""
+    square = " + s^2 T^2/2" if used.order == 2 else ""
+    return f"F(s) = 1/(1 + sT{square}) with T = {number(used.time_constant_s)} s"
+
+
+def _filter_lines(used: MeasurementFilter | None) -> list[Line]:
+    return [] if used is None else entry("filter", f"{filter_formula(used)} on the measurement; C is F times that")
 
 
 def entry(label: str, words: str, style: str = "") -> list[Line]:

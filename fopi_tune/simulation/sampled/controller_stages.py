@@ -153,6 +153,8 @@ def start_at_rest(s, c, other, second, offsets, settings, y):
     if bits(new) != 0:
         for j in range(settings.derivatives):
             _store_where(s, offsets.filtered + j * WIDTH, new, y)
+        for j in range(settings.filter_order):
+            _store_where(s, offsets.lagged + j * WIDTH, new, y if j == 0 else broadcast(0.0))
         if settings.sections > 0:
             offset = coefficient(c, PROPORTIONAL, other, second) * (
                 coefficient(c, SETPOINT_WEIGHT, other, second) * y - y
@@ -185,6 +187,26 @@ def filter_measurement(s, c, other, second, new, offsets, settings, y):
         if bits(resting) != 0:
             m = where(resting & is_tiny(m), broadcast(0.0), m)
         store(s, new + j * WIDTH, m)
+
+
+@_inlined
+def filtered(s, c, other, second, offsets, settings, y):
+    """The measurement behind its filter; what that remembers after the sample is stored in the spare rows."""
+    row = SECTIONS + 3 * settings.sections + 2 * settings.derivatives
+    m, resting = load(s, offsets.lagged), is_tiny(y)
+    p = coefficient(c, row, other, second) * (y - m)
+    if settings.filter_order > 1:
+        q = load(s, offsets.lagged + WIDTH)
+        h = p - coefficient(c, row + 1, other, second) * q
+        p = q + h
+        store(s, offsets.spare_lagged + WIDTH, p + h)
+    f = m + p
+    store(s, offsets.spare_lagged, f + p)
+    if bits(resting) != 0:
+        for j in range(settings.filter_order):
+            x = load(s, offsets.spare_lagged + j * WIDTH)
+            store(s, offsets.spare_lagged + j * WIDTH, where(resting & is_tiny(x), broadcast(0.0), x))
+    return f
 
 
 @_inlined
@@ -238,10 +260,14 @@ def update_checked(s, c, other, second, offsets, settings, y, v, u):
         good = good & is_finite(load(s, spare + i * WIDTH))
     for j in range(settings.derivatives):
         good = good & is_finite(load(s, offsets.spare_filtered + j * WIDTH))
+    for j in range(settings.filter_order):
+        good = good & is_finite(load(s, offsets.spare_lagged + j * WIDTH))
     for i in range(settings.sections):
         _store_where(s, states + i * WIDTH, good, load(s, spare + i * WIDTH))
     for j in range(settings.derivatives):
         _store_where(s, offsets.filtered + j * WIDTH, good, load(s, offsets.spare_filtered + j * WIDTH))
+    for j in range(settings.filter_order):
+        _store_where(s, offsets.lagged + j * WIDTH, good, load(s, offsets.spare_lagged + j * WIDTH))
     if settings.starts_at_first_sample:
         _store_where(s, IS_NEW, good, broadcast(0.0))
     return where(good, u, load(s, LAST_OUTPUT))
@@ -251,6 +277,8 @@ def update_checked(s, c, other, second, offsets, settings, y, v, u):
 def update_measured(s, c, other, second, offsets, settings, y):
     """What is remembered of the measurement, where nothing can overflow."""
     filter_measurement(s, c, other, second, offsets.filtered, offsets, settings, y)
+    for j in range(settings.filter_order):
+        store(s, offsets.lagged + j * WIDTH, load(s, offsets.spare_lagged + j * WIDTH))
     if settings.starts_at_first_sample:
         store(s, IS_NEW, broadcast(0.0))
 

@@ -80,7 +80,10 @@ def _initialise(s, block, table, controllers, settings, offsets):
 
 @_inlined
 def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measured, check_finite):
-    """Error and output of the active controller, and whether the block must check numbers for overflow from here on."""
+    """Error and output of the active controller, and whether the block must check numbers for overflow from here on.
+
+    The error is that behind a measurement filter.
+    """
     second, e = load(s, MODE) > broadcast(0.5), broadcast(r) - measured
     own, select = controller_stages.resolve_mode(c, other, second)
     up, down = controller_stages.hysteresis_crossings(s, k, measured, r, e, settings.half_width, settings.dwell)
@@ -96,6 +99,9 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
     else:
         if settings.starts_at_first_sample:
             controller_stages.start_at_rest(s, own, select, second, offsets, settings, measured)
+        if settings.filter_order > 0:
+            measured = controller_stages.filtered(s, own, select, second, offsets, settings, measured)
+            e = broadcast(r) - measured
         first = controller_stages.without_memory(s, own, select, second, offsets, settings, r, measured, e)
         if update_due:
             v = controller_stages.update_and_demand(s, own, select, second, offsets.active, settings.sections, first)
@@ -163,7 +169,7 @@ def _sample(
     if k >= settings.horizon:
         plant_stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other, steps)
     if settings.keep:
-        for row, value in enumerate((y, rate, measured, e, u, applied, load(s, MODE))):
+        for row, value in enumerate((y, rate, measured, broadcast(r) - measured, u, applied, load(s, MODE))):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
     plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
     if settings.hybrid:

@@ -46,7 +46,8 @@ FIXED_ROWS = LOGARITHMS // WIDTH + 5
 VALUE, DIRECTION, BAND, BEGINS, BEFORE, RISES_FROM, RISES_TO = range(7)
 STEP_ROWS = 7
 GOES_ON, REFERENCE_BEGINS, LOAD_BEGINS = 0.0, 1.0, 2.0
-#: a controller's coefficients; from SECTIONS on p, w, r of every section, then k, q of every one of the derivative
+#: a controller's coefficients; from SECTIONS on p, w, r of every section, then k, q of every one of the derivative,
+#: then c and d of a measurement filter
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, MOST_CHANGE = range(7)
 PROPORTIONAL, SETPOINT_WEIGHT, SECTIONS = range(7, 10)
 HOLD, TRACK, RESET = 0, 1, 2
@@ -71,6 +72,7 @@ class Settings(NamedTuple):
     weighted: int
     derivatives: int
     starts_at_first_sample: int
+    filter_order: int
     first_mode: int
     most_switches: int
     window: int
@@ -91,7 +93,7 @@ class Settings(NamedTuple):
 
 class ScratchLayout(NamedTuple):
     """Offsets in the scratch array: states x of the plant, its coefficients, next states, then controllers' states, the
-    measurements behind the derivative's lags last."""
+    measurements behind the derivative's lags, and those of a measurement filter last."""
 
     x: int
     plant: int
@@ -102,10 +104,13 @@ class ScratchLayout(NamedTuple):
     inactive_1: int
     filtered: int
     spare_filtered: int
+    lagged: int
+    spare_lagged: int
     size: int
 
 
-def scratch_layout(order: int, plant_rows: int, sections: int, derivatives: int) -> ScratchLayout:
+def scratch_layout(order: int, plant_rows: int, sections: int, derivatives: int, filter_order: int) -> ScratchLayout:
     """The layout for an order of plant, its number of coefficients, and the controllers' numbers of sections."""
     rows = (order, plant_rows, order, sections, sections, sections, sections, derivatives, derivatives)
+    rows = (*rows, filter_order, filter_order)
     return ScratchLayout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))

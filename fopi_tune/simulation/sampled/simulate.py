@@ -132,7 +132,9 @@ def _count(modes: Sequence[Mode], scenario: Scenario, count: int | None) -> int:
     if len(modes) != (1 if scenario.hybrid is None else 2):
         raise DomainError(f"{len(modes)} modes: one without `hybrid`, two with it")
     if scenario.hybrid is not None and not all(mode.controller.acts_on_error for mode in modes):
-        raise DomainError("two controllers that take turns have no derivative and setpoint_weight: 1")
+        raise DomainError(
+            "two controllers that take turns have no derivative and setpoint_weight: 1, and no measurement_filter"
+        )
     given = {len(mode.plants) for mode in modes if isinstance(mode.plants, Plants)}
     if count is not None:
         given.add(count)
@@ -191,7 +193,8 @@ def _run(
     table = _table(held, scenario, blocks * WIDTH)
     settings = _settings(modes, held, scenario, horizon, begin, keep)
     offsets = scratch_layout(
-        settings.order, len(table) - 1 - settings.order, settings.sections, settings.derivatives
+        settings.order, len(table) - 1 - settings.order, settings.sections, settings.derivatives,
+        settings.filter_order,
     )  # fmt: skip
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
     results = np.zeros((len(RESULTS), blocks * WIDTH))
@@ -219,17 +222,26 @@ def _derivatives(controller: Runtime) -> int:
     return 0 if controller.derivative is None else len(controller.derivative.gains)
 
 
+def _filter_order(controller: Runtime) -> int:
+    """Of its measurement filter; 0 without one."""
+    used = controller.measurement_filter
+    return 0 if used is None else 1 if used.damping is None else 2
+
+
 def _coefficients(controller: Runtime, settings: Settings) -> Array:
     """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
     end = SECTIONS + 3 * settings.sections
     low, high = controller.limits
     start = float(init(controller).output)
-    rows = np.zeros(end + 2 * settings.derivatives)
+    last, used = end + 2 * settings.derivatives, controller.measurement_filter
+    rows = np.zeros(last + 2 * (settings.filter_order > 0))
     rows[:INTEGRATES] = controller.direct, controller.tracking_gain, low, high, start
     rows[INTEGRATES:PROPORTIONAL] = controller.has_integrator, controller.most_change
     rows[PROPORTIONAL:SECTIONS] = controller.proportional, controller.setpoint_weight
     if controller.derivative is not None:
-        rows[end::2], rows[end + 1 :: 2] = controller.derivative.gains, controller.derivative.shares
+        rows[end:last:2], rows[end + 1 : last : 2] = controller.derivative.gains, controller.derivative.shares
+    if used is not None:
+        rows[last:] = used.share, used.damping or 0.0
     for place, row in enumerate((controller.poles, controller.weights, controller.residues)):
         rows[SECTIONS + place : SECTIONS + 3 * len(row) : 3] = row
     return rows
@@ -281,6 +293,7 @@ def _settings(
         weighted=int(any(mode.controller.proportional != 0.0 for mode in modes)),
         derivatives=max(_derivatives(mode.controller) for mode in modes),
         starts_at_first_sample=int(any(mode.controller.starts_at_first_sample for mode in modes)),
+        filter_order=max(_filter_order(mode.controller) for mode in modes),
         first_mode=int(hybrid.first) - 1,
         most_switches=int(hybrid.most_switches),
         window=int(np.floor(hybrid.window_s / Ts + 1e-9)),

@@ -28,6 +28,8 @@ description: {description}
 # kp and ki are free on a side without an end.  alpha lies between 0 and 2; without ends, 0.1 ... 1.9 is searched.
 # With `structure: pid`, kd and derivative_filter_time_constant_s (a number, Tf) it is kp + ki/s + kd s/(Tf s + 1), and
 # with `structure: fopid` and the order mu of the derivative besides kp + ki/s^alpha + kd s^mu/(Tf s + 1), mu at most 1.
+# With `measurement_filter: {{order: 1, time_constant_s: T}}`, or order: 2, C has the factor 1/(1 + sT), or
+# 1/(1 + sT + s^2 T^2/2), on the measurement.
 {controller}
 
 # What the loop must do.  Each entry is one quantity with one relation: equals, at_least, at_most or between: [a, b].

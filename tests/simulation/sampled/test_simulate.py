@@ -26,7 +26,8 @@ from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.zero_order_hold import companion, constant_input_step
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime, init, replay, reset, step, track
+from fopi_tune.digital.runtime import Runtime, init, reset, step, track
+from fopi_tune.digital.vectors import Op, Operation, replay
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
 from fopi_tune.simulation.fractional.time_stepping import simulate_fractional

@@ -11,7 +11,8 @@ from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime, init, replay, step
+from fopi_tune.digital.runtime import Runtime, init, step
+from fopi_tune.digital.vectors import Op, Operation, replay
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference

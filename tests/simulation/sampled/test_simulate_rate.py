@@ -12,7 +12,8 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital.discretize import discretize
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.runtime import Op, Operation, Runtime, replay
+from fopi_tune.digital.runtime import Runtime
+from fopi_tune.digital.vectors import Op, Operation, replay
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.simulation.sampled.simulate import measure, simulate
