@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
@@ -16,6 +18,37 @@ from fopi_tune.spec.model import DesignSpec, DigitalSpec
 
 #: relative difference below which two responses count as equal
 _SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class StepCost:
+    """What a sample of the exported code costs, but for comparisons and for the first one.
+
+    Args:
+        multiplications: of numbers of the precision.
+        additions: and subtractions; the most that a sample takes.
+        state_bytes_float64: of the state in double precision.
+        state_bytes_float32: of the state in single precision.
+    """
+
+    multiplications: int
+    additions: int
+    state_bytes_float64: int
+    state_bytes_float32: int
+
+
+def step_cost(runtime: Runtime) -> StepCost:
+    """The cost of (1), (5) and (7) of `runtime`."""
+    sections = len(runtime.poles)
+    derivatives = len(runtime.derivative.gains) if runtime.derivative else 0
+    used, weighted = runtime.measurement_filter, int(runtime.proportional != 0.0)
+    lags = 0 if used is None else 1 if used.damping is None else 2
+    each, limit = 3 * sections + (1 if sections else 0), 2 * int(runtime.limits_rate)
+    multiplications = 1 + 2 * weighted + 2 * derivatives + lags + each
+    additions = 1 + 2 * weighted + 4 * derivatives + 3 * lags + each + limit
+    # the flag of the first sample takes the place of a number
+    numbers = sections + derivatives + lags + 1 + int(runtime.starts_at_first_sample)
+    return StepCost(multiplications, additions, 8 * numbers, 4 * numbers)
 
 
 def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:

@@ -27,6 +27,7 @@ from fopi_tune.spec.model import DesignSpec
 
 if TYPE_CHECKING:
     from fopi_tune.digital import DigitalController
+    from fopi_tune.digital.implementation import StepCost
     from fopi_tune.montecarlo.montecarlo import Evidence
     from fopi_tune.optimum.results import Optimum
     from fopi_tune.results.to_control import ControlObjects, SampledObjects
@@ -214,6 +215,13 @@ class Discretized:
         return requirement_reports(self.verification, self.certificate)
 
     @property
+    def cost(self) -> StepCost:
+        """What a sample of the exported code costs."""
+        from fopi_tune.digital.implementation import runtime_of, step_cost
+
+        return step_cost(runtime_of(self.controller.sections, self.spec))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """By how much equalities are missed."""
         return equality_notes(self.verification.requirements)
@@ -236,7 +244,13 @@ class Discretized:
         checked = verification_dict(self.spec, self.verification, self.certificate, self.stamp)
         weight = self.spec.controller.setpoint_weight
         weighted = {} if weight == 1.0 else {"setpoint_weight": weight}
-        return {**checked, "loop": "sampled", **digital_document(self.controller), **weighted}
+        return {
+            **checked,
+            "loop": "sampled",
+            **digital_document(self.controller),
+            **weighted,
+            "cost_of_step": asdict(self.cost),
+        }
 
     def to_control(self) -> SampledObjects:
         """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""
