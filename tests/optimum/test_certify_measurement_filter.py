@@ -82,7 +82,7 @@ def _feasible(spec: DesignSpec, gains: list[ft.FoPi], response: Response, limit_
         measurement_filter=gains[0].measurement_filter,
     )  # fmt: skip
     peak = extremes(loops, response, 0.0, math.inf).value * 20.0 / math.log(10.0)
-    return ((peak <= limit_db) & is_stable(loops)).reshape(n, m).all(axis=1)
+    return np.asarray(((peak <= limit_db) & is_stable(loops)).reshape(n, m).all(axis=1))
 
 
 @pytest.mark.parametrize(("structure", "order"), [("pi", 1), ("pi", 2), ("fopi", 2), ("pid", 2)])
