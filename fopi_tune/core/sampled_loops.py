@@ -211,6 +211,13 @@ class SampledLoops(Loops):
         terms = self.sections.at(shifted(u))
         return terms if self._filter_in_s is None else terms * self._filter_in_s(1j * np.exp(u))
 
+    def controller_at_real(self, delta: float) -> float:
+        """C with its measurement filter at z = 1 + delta, dimensionless and greater than 1."""
+        terms = float(self.sections.at(np.array([delta + 0j])).real[0])
+        if self._filter_in_s is None:
+            return terms
+        return terms * float(self._filter_in_s(complex(delta / (2.0 + delta))).real)
+
     def response(self, rows: Rows, omega: Array) -> Complex:
         """L(e^{j omega Ts}); rows and omega of shape (n,)."""
         u = np.clip(self.u_of(omega), -_U_CAP, _U_CAP)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from flint import arb
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.proof.balls.loop import BallLoop
@@ -32,18 +33,21 @@ class BoxLoop(BallLoop):
     delay_s: arb = _ZERO
 
     @classmethod
-    def of(cls, controllers: ControllerBox, family: PlantFamily, delay_s: arb = _ZERO) -> BoxLoop | None:
+    def of(
+        cls, controllers: ControllerBox, family: PlantFamily, delay_s: arb = _ZERO,
+        measurement_filter: MeasurementFilter | None = None,
+    ) -> BoxLoop | None:  # fmt: skip
         """The loop of the controller at a box's centre; None where its gains are not told from 0."""
         pid = controllers.pid
         if pid is not None:
-            return None if pid.is_zero else cls(pid, family, delay_s)
+            return None if pid.is_zero else cls(replace(pid, measurement_filter=measurement_filter), family, delay_s)
         balls = controllers.centre
         kp, ki, alpha = (float(ball.mid()) for ball in balls)
         if (ki == 0.0 and not balls[1].is_zero()) or (balls[1].contains(0) and ki != 0.0) or kp == ki == 0.0:
             return None
         if kp == 0.0 and not balls[0].is_zero():
             kp = float(balls[0].upper())
-        loop = cls(FoPi(kp, ki, alpha), family, delay_s)
+        loop = cls(FoPi(kp, ki, alpha, measurement_filter=measurement_filter), family, delay_s)
         loop.__dict__.update(kp=balls[0], ki=balls[1], alpha=balls[2])
         return loop
 

@@ -269,7 +269,9 @@ def _worst_cases(found: Verification) -> list[WorstCasePoint]:
 def _gains(search: BranchAndBound) -> FoPi:
     """The better gains found by the search."""
     assert search.better is not None
-    return gains_at(search.problem.parametrization, np.array([search.better])).controller()
+    return gains_at(search.problem.parametrization, np.array([search.better])).controller(
+        search.problem.measurement_filter
+    )
 
 
 def _rounded(frequency_rad_s: float) -> float:

@@ -9,10 +9,12 @@ from functools import cached_property
 from flint import acb, arb
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
-from fopi_tune.optimum.pruning.conditions import Conditions, conditions_of, degrees, nominal_equality
+from fopi_tune.optimum.pruning.conditions import Condition, Conditions, conditions_of, degrees, nominal_equality
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantEnclosure, polynomial
@@ -60,13 +62,12 @@ class Problem:
         """
         conditions = conditions_of(spec, beat)
         crossover = nominal_equality(spec, "crossover_rad_s")
-        spec.controller.refuse_measurement_filter("the proof of the optimum")
         nominal = tuple(spec.plant.nominal_point.tolist())
         if spec.controller.has_derivative:
             filter_time_s = spec.controller.derivative_filter_time_constant_s
             terms = DerivativeParametrization(1.0 if reference_rad_s is None else reference_rad_s, filter_time_s)
             return cls(spec, beat, conditions, terms, terms.roots(spec.controller))
-        unit_loop = BallLoop(FoPi(1.0, 0.0, 1.0), spec.plant)
+        unit_loop = _unit_loop(spec)
         at = None if crossover is None else _response(unit_loop, nominal, crossover.limits[0])[1]
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
             gains = GainParametrization(1.0 if reference_rad_s is None else reference_rad_s)
@@ -128,8 +129,28 @@ class Problem:
 
     @cached_property
     def unit_loop(self) -> BallLoop:
-        """The loop with C = 1, so that L = P."""
-        return BallLoop(FoPi(1.0, 0.0, 1.0), self.family)
+        """The loop with C = 1, so that L = P; with a measurement filter F, which is counted to the plant, L = F P."""
+        return _unit_loop(self.spec)
+
+    @property
+    def measurement_filter(self) -> MeasurementFilter | None:
+        """F."""
+        return self.spec.controller.measurement_filter
+
+    def squared_limit(self, condition: Condition, omega: float) -> arb:
+        """M^2 of a response's limit at a frequency, for C without F and F P in the place of P.
+
+        |C S| is |F| times that of such a loop, so that its limit is M/|F|.
+        """
+        limit, bottom = (2 * condition.level).exp(), self.unit_loop.filter_bottom
+        if condition.response is not Response.CONTROL_SENSITIVITY or bottom is None:
+            return limit
+        return limit * abs(bottom.at(acb(0, arb(omega)))) ** 2
+
+    def squared_error_limit(self, condition: Condition, p: acb) -> arb:
+        """M^2 of |S| from a limit of the discounted error:  T |P/(1 + C F P)| < level at s = 1/T, `p` = F P there."""
+        limit, bottom = condition.level / (condition.horizon_s * abs(p)), self.unit_loop.filter_bottom
+        return limit**2 if bottom is None else (limit / bottom.at(acb(1 / arb(condition.horizon_s))).real) ** 2
 
     @cached_property
     def _plants(self) -> dict[tuple[float, ...], PlantEnclosure]:
@@ -195,6 +216,10 @@ class Problem:
             bottom = polynomial([c.value for c in plant.denominator], acb(s))
             self._responses[key] = acb(s.log()), top / bottom
         return self._responses[key]
+
+
+def _unit_loop(spec: DesignSpec) -> BallLoop:
+    return BallLoop(FoPi(1.0, 0.0, 1.0, measurement_filter=spec.controller.measurement_filter), spec.plant)
 
 
 def _response(unit_loop: BallLoop, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:

@@ -197,7 +197,7 @@ def from_document(document: object) -> Certificate:
             top.children("scenarios") if "scenarios" in top.value else (), family, implementation
         ),
         limited=(
-            read_limits(top.child("with_limits"), top.text("name"), family, implementation)
+            read_limits(top.child("with_limits"), top.text("name"), family, implementation, controller)
             if "with_limits" in top.value
             else None
         ),

@@ -12,8 +12,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from fopi_tune.core.controller import FoPi, derivative_of
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.digital.coefficients import MeasuredDerivative
 from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
@@ -120,7 +122,7 @@ def limits_entry(limited: LimitedLoop) -> dict[str, Any]:
 
 
 def read_limits(
-    entry: JsonObject, name: str, family: PlantFamily, implementation: Implementation | None
+    entry: JsonObject, name: str, family: PlantFamily, implementation: Implementation | None, gains: FoPi
 ) -> LimitedLoop:  # fmt: skip
     """Read it; types and ranges alone are checked.
 
@@ -129,6 +131,7 @@ def read_limits(
         name: of its spec.
         family: its plants.
         implementation: its digital controller.
+        gains: which tell whether that has a derivative, or a measurement filter.
 
     Raises:
         CertificateError: an entry is missing or has the wrong type, or there is no digital controller.
@@ -140,7 +143,13 @@ def read_limits(
     if implementation is None or len(limits) != 2:
         raise CertificateError(f"{entry.place}: there are no two output_limits of a digital controller")
     try:
-        controller = Runtime.of(implementation.sections, Precision.FLOAT64, (limits[0], limits[1]))
+        used = gains.measurement_filter
+        controller = Runtime.of(
+            implementation.sections, Precision.FLOAT64, (limits[0], limits[1]), measurement_filter=used
+        )
+        if derivative_of(gains).kd != 0.0:
+            # of which the sum of the sections does not tell
+            controller = replace(controller, derivative=MeasuredDerivative())
         loop = SwitchedLoop(name, replace(controller, most_change=change), family, implementation.delay_samples)
     except DomainError as error:
         raise CertificateError(f"{entry.place}: {error}") from None

@@ -93,6 +93,7 @@ def just_met(
         filter_time_s, one = gains.derivative_filter_time_constant_s, GainRange(1.0, 1.0)
         kd = GainRange(gains.kd - 1.0, gains.kd + 1.0)
         box = ControllerSpec(sides[0], sides[1], one, kd, filter_time_s)
+    box = replace(box, measurement_filter=gains.measurement_filter)
     spec = replace(spec_of(family, *fixed[:equalities], *limits, objective=objective), controller=box)
     # the objective may read the requirements: it is of the spec as it is now
     value = verify(spec, gains).objective

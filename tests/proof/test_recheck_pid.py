@@ -146,3 +146,15 @@ def test_gains_that_miss_a_limit_are_refuted_at_a_plant_that_is_named() -> None:
     verdicts = [proof.verdict for proof in certificate.requirements]
     assert verdicts[1] is Verdict.REFUTED
     assert ft.recheck(json.loads(json.dumps(to_document(certificate))), SPEC).problems == ()
+
+
+def test_a_certificate_beside_limits_that_nothing_is_shown_of_is_sound() -> None:
+    from fopi_tune.digital.implementation import implementation_of
+
+    digital = "digital: {sample_time_s: 0.05, design: sampled, output_limits: [-2, 3]}\n"
+    spec = parse_spec(TEXT.replace("STRUCTURE", FILTER) + digital)
+    implementation = implementation_of(spec, PID)
+    certificate = certify(spec, verify(spec, PID, implementation=implementation), {}, implementation)
+    document = json.loads(json.dumps(to_document(certificate), allow_nan=False))
+    assert "a derivative" in document["with_limits"]["statement"]
+    assert ft.recheck(document, spec).problems == ()

@@ -220,3 +220,25 @@ def test_sampled_objects_without_delay_are_diagonal_and_step_as_the_difference_e
         u = sections.direct * (1.0 - y) + state.sum()
         state, y = poles * state + residues * (1.0 - y), decay * y + (1.0 - decay) * u
     assert np.abs(found - np.array(expected)).max() < 1e-11
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("gains", [ft.FoPi(0.385, 0.388, 0.82), ft.Pid(1.0, 0.8, 0.2, 0.05)], ids=["fopi", "pid"])
+def test_a_measurement_filter_is_in_the_controller_and_the_loop(gains: ft.FoPi, order: int) -> None:
+    used = ft.MeasurementFilter(order, 0.4)
+    controller, family = dataclasses.replace(gains, measurement_filter=used), plants.brake()
+    found = to_control(controller, family)
+    omega = np.geomspace(1e-2, 1e2, 30)
+    nominal = family.member(family.nominal_point)
+    plant = np.polyval(nominal.numerator, 1j * omega) / np.polyval(nominal.denominator, 1j * omega)
+    np.testing.assert_allclose(found.controller(1j * omega), controller(1j * omega), rtol=2e-3)
+    np.testing.assert_allclose(found.loop(1j * omega), controller(1j * omega) * plant, rtol=2e-3)
+    digital = DigitalSpec(0.1)
+    sections = sections_of(controller, digital)
+    sampled = to_sampled(sections, family, 0.5, 0.3, used)
+    omega = np.geomspace(1e-2, 0.99 * np.pi / 0.1, 30)
+    z = np.exp(0.1j * omega)
+    np.testing.assert_allclose(sampled.controller(z), sections.response(omega, used), rtol=1e-7)
+    loops = SampledLoops.implemented(controller, Implementation(sections, 0.5), Plants.of(nominal))
+    wanted = loops.response(np.zeros(len(omega), dtype=np.intp), omega)
+    np.testing.assert_allclose(sampled.loop(z), wanted, rtol=1e-6)

@@ -62,7 +62,7 @@ class CentralLoops:
     def of(cls, problem: Problem, boxes: Boxes, points: list[tuple[float, ...]]) -> CentralLoops:
         """Of n boxes and these plants."""
         places = np.array(points, dtype=float).reshape(len(points), -1)
-        loops = gains_at(problem.parametrization, boxes.middle).loops(problem.family, places)
+        loops = gains_at(problem.parametrization, boxes.middle).loops(problem, places)
         return cls(boxes, points, loops, problem)
 
     def movements(self, found: Crossings) -> Movements:

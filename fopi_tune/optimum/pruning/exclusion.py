@@ -89,13 +89,12 @@ def response_quadratic(
         if not condition.level > 0:
             return None
         log_s, p = problem.real_response(reason.point, condition.horizon_s)
-        limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
-        return log_s, quadratic(Response.SENSITIVITY, p, limit, True)
+        return log_s, quadratic(Response.SENSITIVITY, p, problem.squared_error_limit(condition, p), True)
     low, high = condition.band_rad_s
     if not reason.omega or not max(low, 5e-324) <= reason.omega[0] <= high or condition.response is None:
         return None
     log_s, p = problem.response(reason.point, reason.omega[0])
-    return log_s, quadratic(condition.response, p, (2 * condition.level).exp(), condition.upper)
+    return log_s, quadratic(condition.response, p, problem.squared_limit(condition, reason.omega[0]), condition.upper)
 
 
 def _response(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:

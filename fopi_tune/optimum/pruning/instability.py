@@ -66,7 +66,7 @@ def _by_the_axis(problem: Problem, controllers: ControllerBox, point: tuple[floa
 
 def _poles_at_centre(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], delay_s: arb) -> int:
     """Poles on the right; 0 where they are not known."""
-    centre = BoxLoop.of(controllers, problem.family, delay_s)
+    centre = BoxLoop.of(controllers, problem.family, delay_s, problem.measurement_filter)
     return 0 if centre is None else count_unstable_poles(centre, point, 0.0) or 0
 
 

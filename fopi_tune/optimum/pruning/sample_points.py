@@ -161,6 +161,8 @@ def _grid(problem: Problem, low: float, high: float) -> list[float]:
     if problem.spec.controller.has_derivative:
         # beyond the filter's corner C is kp + kd/Tf
         last = max(last, _BEYOND / problem.spec.controller.derivative_filter_time_constant_s)
+    if problem.measurement_filter is not None:
+        last = max(last, _BEYOND / problem.measurement_filter.time_constant_s)
     if problem.crossover_rad_s is not None:
         first, last = min(first, problem.crossover_rad_s / _BEYOND), max(last, problem.crossover_rad_s * _BEYOND)
     first, last = max(first, low), min(last, high)
@@ -190,7 +192,7 @@ def _loops(problem: Problem, centres: Array, points: list[tuple[float, ...]]) ->
     """Every controller with every plant, those of a coarse grid too."""
     inside = _inside(problem)
     plants = np.array([*points, *inside], dtype=float).reshape(len(points) + len(inside), -1)
-    return gains_at(problem.parametrization, centres).loops(problem.family, plants), plants
+    return gains_at(problem.parametrization, centres).loops(problem, plants), plants
 
 
 def _inside(problem: Problem) -> list[tuple[float, ...]]:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array, Complex, Derivatives
 from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.peaks import Response
-from fopi_tune.core.plant import PlantFamily
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
@@ -141,19 +141,23 @@ class Gains:
         rest = True if self.derivatives is None else self.derivatives.kd == 0.0
         return np.asarray((self.kp == 0.0) & (self.ki == 0.0) & rest)
 
-    def loops(self, family: PlantFamily, points: Array) -> Loops:
+    def loops(self, problem: Problem, points: Array) -> Loops:
         """Each with every plant, a point of shape (p,) each: row = controller * plants + plant."""
-        n, m = len(self.kp), len(points)
+        n, m, family = len(self.kp), len(points), problem.family
         rows, plants = np.repeat(np.arange(n), m), Plants.members(family, points).take(np.tile(np.arange(m), n))
         derivatives = None if self.derivatives is None else self.derivatives.take(rows)
-        return Loops(self.kp[rows], self.ki[rows], self.alpha[rows], plants, derivatives=derivatives)
+        return Loops(
+            self.kp[rows], self.ki[rows], self.alpha[rows], plants, derivatives=derivatives,
+            measurement_filter=problem.measurement_filter,
+        )  # fmt: skip
 
-    def controller(self) -> FoPi:
-        """The first."""
+    def controller(self, used: MeasurementFilter | None = None) -> FoPi:
+        """The first, with a measurement filter."""
         kp, ki, alpha = (float(gain[0]) for gain in (self.kp, self.ki, self.alpha))
         if self.derivatives is None:
-            return FoPi(kp, ki, alpha)
-        return Pid(kp, ki, float(self.derivatives.kd[0]), float(self.derivatives.filter_s[0]))
+            return FoPi(kp, ki, alpha, measurement_filter=used)
+        kd, filter_s = float(self.derivatives.kd[0]), float(self.derivatives.filter_s[0])
+        return Pid(kp, ki, kd, filter_s, measurement_filter=used)
 
 
 def gains_at(parametrization: Parametrization, coordinates: Array) -> Gains:
@@ -251,15 +255,14 @@ def _coefficients(problem: Problem, reason: Reason) -> tuple[complex, complex, c
     condition = problem.conditions.every[reason.condition]
     if condition.test is Test.DISTURBANCE:
         log_s, p = problem.real_response(reason.point, condition.horizon_s)
-        limit = (condition.level / (condition.horizon_s * abs(p))) ** 2
-        a, b, c = quadratic(Response.SENSITIVITY, p, limit, True)
+        a, b, c = quadratic(Response.SENSITIVITY, p, problem.squared_error_limit(condition, p), True)
     elif condition.test is Test.GAIN_SPREAD:
         log_s, p = problem.response(problem.nominal, reason.omega[0])
         a, b, c = quadratic(Response.LOOP_GAIN, p, arb(1), True)
     else:
         assert condition.response is not None
         log_s, p = problem.response(reason.point, reason.omega[0])
-        a, b, c = quadratic(condition.response, p, (2 * condition.level).exp(), condition.upper)
+        a, b, c = quadratic(condition.response, p, problem.squared_limit(condition, reason.omega[0]), condition.upper)
     return _complex(log_s), _complex(acb(a)), _complex(b), _complex(acb(c))
 
 

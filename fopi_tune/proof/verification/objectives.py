@@ -130,7 +130,7 @@ def _discounted_error(objective: Objective, samples: SamplePair) -> Value:
                 / _polyval(plants.denominator, delta)
                 * np.exp(-step * loops.plants.late)
             )
-            loop = gain * implementation.sections.at(np.array([delta + 0j])).real
+            loop = gain * loops.controller_at_real(delta)
             early = np.exp(step * (1.0 + implementation.delay_samples)) * implementation.sample_time_s / delta
             with np.errstate(divide="ignore"):
                 return np.abs(early * gain / (1.0 + loop)), np.full(len(loops), np.nan)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from cases.optimum_cases import FAMILIES, OBJECTIVES, just_met
 from flint import arb, ctx
 
 from fopi_tune.core.controller import FoPi, Pid, numbers_of
+from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.combinations import linear_bound_of
@@ -90,7 +93,7 @@ def _wrongly_discarded(spec: DesignSpec, beat: float, gains: FoPi, pick: np.rand
         problem = Problem.of(spec, beat, float(pick.choice([0.03, 1.0, 40.0])))
         place = _place(problem, gains)
         found = gains_at(problem.parametrization, np.array([place]))
-        back = numbers_of(found.controller())
+        back = numbers_of(found.controller(gains.measurement_filter))
         assert back == {name: pytest.approx(value, rel=1e-7, abs=1e-9) for name, value in numbers_of(gains).items()}
         # where psi is the margin itself, the second root holds the gains, and the first need not
         on_line = problem.margin_is_fixed and abs(math.remainder(place[1] - problem.roots[1][1][0], math.tau)) < 1e-6
@@ -139,6 +142,22 @@ def test_nor_is_one_around_gains_with_a_derivative(name: str) -> None:
             boxes_examined += 1
             break
     assert boxes_examined
+
+
+@pytest.mark.parametrize("seeds", [(3,), pytest.param(range(12), marks=pytest.mark.long)], ids=["one", "many"])
+@pytest.mark.parametrize("name", ["lag with dead time", "unstable", "direct path", "resonant"])
+def test_nor_is_one_around_gains_with_a_measurement_filter(name: str, seeds: Iterable[int]) -> None:
+    for seed in seeds:
+        pick, boxes_examined = np.random.default_rng([17, seed, *name.encode()]), 0
+        for k in range(30):
+            used = MeasurementFilter(int(pick.integers(1, 3)), 10.0 ** pick.uniform(-2.0, -0.3))
+            gains = replace(_pid(name, pick) if k % 2 else _gains(name, pick), measurement_filter=used)
+            made = just_met(FAMILIES[name], gains, OBJECTIVES[pick.integers(7)], 0 if k % 2 else k // 2 % 3, pick)
+            if made is not None:
+                assert _wrongly_discarded(*made, gains, pick) == []
+                boxes_examined += 1
+                break
+        assert boxes_examined
 
 
 @pytest.mark.long
