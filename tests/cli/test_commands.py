@@ -519,6 +519,18 @@ def test_long_work_is_told_of_ever_more_seldom_and_never_when_it_should_be_quiet
     assert capsys.readouterr().err == ""
 
 
+def test_who_waits_for_the_compiler_is_told_that_it_is_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba import njit
+
+    monkeypatch.setattr("fopi_tune.cli.output._FIRST_NOTE_S", 0.05)
+    said: list[str] = []
+    monkeypatch.setattr("fopi_tune.cli.output.say", said.append)
+    with still_running_notes("s: still tuning", quiet=False):
+        while not said:
+            njit(lambda x: x + 1)(1.0)
+    assert said[0].startswith("s: still tuning after 0.05 s (compiling the search: one to two minutes, once after")
+
+
 @pytest.mark.parametrize(
     ("words", "at", "found"),
     [("fopi tu", 1, ["tune"]), ("fopi tune --sol", 2, ["--solver"]), ("fopi tune --solver ", 3, ["ipopt", "convex"])],
