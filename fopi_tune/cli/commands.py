@@ -12,7 +12,7 @@ import typer
 from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
 from fopi_tune.cli.discretize import discretize_file
-from fopi_tune.cli.gains import GivenGains
+from fopi_tune.cli.gains import GivenGains, number_option
 from fopi_tune.cli.init import (
     FittedOption,
     FromOption,
@@ -71,11 +71,11 @@ Out = Annotated[
     typer.Option(metavar="DIR", help="Folder of the results, instead of results/NAME; of several specs, DIR/NAME."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on stdout; of several specs, a list.")]
-Kp = Annotated[float | None, typer.Option(help="Proportional gain.")]
-Kd = Annotated[float | None, typer.Option(help="Derivative gain of pid and fopid, in kp's unit times s^mu.")]
-Mu = Annotated[float | None, typer.Option(help="Order of the derivative of fopid, above 0 and up to 1.")]
-Ki = Annotated[float | None, typer.Option(help="Integral gain, in kp's unit times (rad/s)^alpha.")]
-Alpha = Annotated[float | None, typer.Option(help="Order of the integral, between 0 and 2.")]
+Kp = Annotated[float | None, number_option(help="Proportional gain.")]
+Kd = Annotated[float | None, number_option(help="Derivative gain of pid and fopid, in kp's unit times s^mu.")]
+Mu = Annotated[float | None, number_option(help="Order of the derivative of fopid, above 0 and up to 1.")]
+Ki = Annotated[float | None, number_option(help="Integral gain, in kp's unit times (rad/s)^alpha.")]
+Alpha = Annotated[float | None, number_option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
 RequireProof = Annotated[
     bool, typer.Option("--require-proof", help="Exit with 3 where a requirement is checked by simulation only.")
@@ -308,7 +308,8 @@ def simulate(
         bool, typer.Option("--exact", help="The loop in continuous time instead, without filter and samples.")
     ] = False,
     accuracy: Annotated[
-        float | None, typer.Option(metavar="VALUE", help="With --exact: refine it to this, in the output's unit.")
+        float | None,
+        number_option(metavar="VALUE", help="With --exact: refine it to this, in the output's unit."),
     ] = None,
     samples: Annotated[int | None, typer.Option(help="For --replay: as `fopi validate` was given it.")] = None,
     seed: Annotated[int | None, typer.Option(help="In place of the spec's; as `fopi validate` was given it.")] = None,

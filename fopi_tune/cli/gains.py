@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 from fopi_tune.cli.batch import OutputOptions
 from fopi_tune.core.controller import FoPi
@@ -15,6 +16,25 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec
 
 _NAMES = ("kp", "ki", "alpha", "kd", "mu")
+
+
+def number_option(*names: str, **more: Any) -> Any:
+    """An option whose number is written as in specs."""
+    return typer.Option(*names, parser=_number, **({"metavar": "FLOAT"} | more))
+
+
+def _number(text: str) -> float:
+    """An option's number, written as in specs.
+
+    Raises:
+        BadParameter: it is none, or cannot be computed with.
+    """
+    from fopi_tune.spec.yaml.scalars import NotANumberError, parse_number  # --version reads no specs
+
+    try:
+        return parse_number(text.strip())
+    except NotANumberError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 @dataclass(frozen=True)
@@ -35,8 +55,6 @@ class GivenGains:
         """
         if not self:
             return None
-        from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST  # --version reads no specs
-
         given: dict[str, float] = {}
         self._refuse_foreign(spec)
         for name in _NAMES:
@@ -50,9 +68,6 @@ class GivenGains:
                     f"give {', '.join(others)} and {last} all {every}, or none of them: --{name} is left out, and the "
                     f"spec gives {name} a range"
                 )
-            if value and math.isfinite(value) and not SMALLEST <= abs(value) <= LARGEST:
-                said = f"{value:g} cannot be computed with; write 0, or {SMALLEST:g} to {LARGEST:g}"
-                raise DomainError(f"--{name}: {said}")
             given[name] = box.min if value is None else value
         if spec.controller.structure == "pid" and given["alpha"] != 1.0:
             raise DomainError("--alpha: the integral of structure pid has the order 1; leave --alpha out")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fopi_tune.cli.gains import number_option
 from fopi_tune.cli.output import bad_input, reason_of, say, to_json, write_file
 from fopi_tune.errors import DomainError
 
@@ -82,16 +83,17 @@ OutputOption = Annotated[
 ]
 SampleTimeOption = Annotated[
     float | None,
-    typer.Option("--sample-time", metavar="TIME", help="Time from each line to the next, for files without times."),
+    number_option("--sample-time", metavar="TIME", help="Time from each line to the next, for files without times."),
 ]
 UnitOption = Annotated[
     Unit | None,
     typer.Option("--time-unit", help="Unit of the times and of these options; the header's or s when left out."),
 ]
 FromOption = Annotated[
-    float | None, typer.Option("--from", metavar="TIME", help="Fit the outputs from this time of the recording on.")
+    float | None,
+    number_option("--from", metavar="TIME", help="Fit the outputs from this time of the recording on."),
 ]
-ToOption = Annotated[float | None, typer.Option("--to", metavar="TIME", help="Fit the outputs until this time.")]
+ToOption = Annotated[float | None, number_option("--to", metavar="TIME", help="Fit the outputs until this time.")]
 NoSchemaOption = Annotated[bool, typer.Option("--no-schema", help="Leave out the JSON Schema that editors read.")]
 
 

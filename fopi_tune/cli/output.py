@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from enum import IntEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 #: seconds until the first note
 _FIRST_NOTE_S = 5.0
+_COMPILES = " (compiling the search: one to two minutes, once after an installation)"
 
 
 class Exit(IntEnum):
@@ -129,15 +130,31 @@ def progress_bar(what: str, quiet: bool) -> Iterator[Callable[[int, int], None] 
 
 
 @contextlib.contextmanager
+def _compilations() -> Iterator[list[Any]]:
+    """What Numba compiles from now on, if it is loaded."""
+    if "numba" not in sys.modules:
+        yield []
+        return
+    from numba.core.event import install_recorder
+
+    with install_recorder("numba:compile") as recorder:
+        yield recorder.buffer
+
+
+@contextlib.contextmanager
 def still_running_notes(message: str, quiet: bool) -> Iterator[Callable[[], None]]:
     """Print notes on stderr, at growing intervals, while something takes long; the yielded function stops them."""
     done = threading.Event()
 
     def tell() -> None:
-        wait = after = _FIRST_NOTE_S
-        while not done.wait(wait):
-            say(f"{message} after {after:g} s ...")
-            wait, after = after, 2 * after
+        wait, after = 0.5 * _FIRST_NOTE_S, _FIRST_NOTE_S
+        if done.wait(wait):
+            return
+        with _compilations() as compiled:
+            while not done.wait(wait):
+                say(f"{message} after {after:g} s{_COMPILES if compiled else ''} ...")
+                compiled.clear()
+                wait, after = after, 2 * after
 
     teller = threading.Thread(target=tell, daemon=True)
     if quiet:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune.cli.batch import OutputOptions, process_specs_or_systems
+from fopi_tune.cli.gains import number_option
 from fopi_tune.cli.output import Exit, progress_bar
 from fopi_tune.errors import DomainError
 from fopi_tune.results.candidate import Solver
@@ -38,8 +39,8 @@ TradeoffOption = Annotated[
         help="Sweep this requirement's limit (by its number or quantity) and draw the objective against it.",
     ),
 ]
-StartOption = Annotated[float | None, typer.Option("--from", help="Lowest limit of the sweep, in the limit's unit.")]
-StopOption = Annotated[float | None, typer.Option("--to", help="Highest limit of the sweep.")]
+StartOption = Annotated[float | None, number_option("--from", help="Lowest limit of the sweep, in the limit's unit.")]
+StopOption = Annotated[float | None, number_option("--to", help="Highest limit of the sweep.")]
 PointsOption = Annotated[int | None, typer.Option("--points", help="Limits in the sweep; 50 when left out.")]
 
 

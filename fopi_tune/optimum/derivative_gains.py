@@ -16,6 +16,7 @@ from flint import acb, arb
 
 from fopi_tune.core.controller import Pid
 from fopi_tune.optimum.parametrization import (
+    BoxOfGains,
     ControllerBox,
     ControllerEnclosure,
     Parametrization,
@@ -70,7 +71,7 @@ class DerivativeParametrization(Parametrization):
         return rho, 1 / (rho + arb(self.filter_time_s))
 
 
-class DerivativeBox(ControllerBox):
+class DerivativeBox(BoxOfGains):
     """A box of kp, ki and kd."""
 
     def __init__(self, parametrization: DerivativeParametrization, box: Box) -> None:
@@ -81,20 +82,6 @@ class DerivativeBox(ControllerBox):
         self.gains = centre_of(box)
         kp, ki, _ = map(arb, self.gains)
         self.centre = kp, ki, self.alpha
-
-    @property
-    def ends(self) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
-        (kp_low, kp_high), (low, high), _ = self.box
-        return (arb(kp_low), arb(kp_high)), (arb(low), arb(high))
-
-    @property
-    def has_integral(self) -> bool:
-        return self.box[1] != (0.0, 0.0)
-
-    @property
-    def mixes_integrals(self) -> bool:
-        low, high = self.box[1]
-        return low < 0.0 < high
 
     @property
     def pid(self) -> Pid:

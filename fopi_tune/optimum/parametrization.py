@@ -203,15 +203,8 @@ def _rounded(value: arb, towards: float) -> float:
     return math.nextafter(float(value.lower() if towards < 0.0 else value.upper()), towards)
 
 
-class GainBox(ControllerBox):
-    """A box of gains at the reference frequency."""
-
-    def __init__(self, parametrization: GainParametrization, box: Box) -> None:
-        self.box, self.reference = box, parametrization.log_omega
-        self.kp, self.integral, self.alpha = (ball_of(side) for side in box)
-        kp, integral, alpha = map(arb, centre_of(box))
-        self._integral_c = integral
-        self.centre = kp, integral * (alpha * self.reference).exp(), alpha
+class BoxOfGains(ControllerBox):
+    """A box whose first sides are kp and the integral's gain."""
 
     @property
     def ends(self) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
@@ -226,6 +219,17 @@ class GainBox(ControllerBox):
     def mixes_integrals(self) -> bool:
         low, high = self.box[1]
         return low < 0.0 < high
+
+
+class GainBox(BoxOfGains):
+    """A box of gains at the reference frequency."""
+
+    def __init__(self, parametrization: GainParametrization, box: Box) -> None:
+        self.box, self.reference = box, parametrization.log_omega
+        self.kp, self.integral, self.alpha = (ball_of(side) for side in box)
+        kp, integral, alpha = map(arb, centre_of(box))
+        self._integral_c = integral
+        self.centre = kp, integral * (alpha * self.reference).exp(), alpha
 
     def _integral_model(self, exponent: acb) -> TaylorModel:
         """Of z e^{-alpha exponent}."""

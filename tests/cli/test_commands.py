@@ -248,8 +248,10 @@ def test_prove_says_when_a_plant_is_unstable_or_has_no_crossover() -> None:
         (("--kp", "0", "--ki", "0", "--alpha", "1"), "0"),
         (("--kp", "1", "--ki", "1", "--alpha", "2"), "alpha = 2.0 lies outside (0, 2)"),
         (("--kp", "1", "--ki", "1", "--alpha", "0"), "alpha = 0.0 lies outside (0, 2)"),
-        (("--kp", "nan", "--ki", "1", "--alpha", "1"), "kp = nan is not a finite number"),
-        (("--kp", "1", "--ki", "1e400", "--alpha", "1"), "ki = inf is not a finite number"),
+        (("--kp", "1_0", "--ki", "1", "--alpha", "1"), "--kp': 1_0 has underscores; write 10"),
+        (("--kp", "-1e-400", "--ki", "1", "--alpha", "1"), "--kp': -1e-400 is too small to compute with"),
+        (("--kp", "nan", "--ki", "1", "--alpha", "1"), "--kp': 'nan' is not a finite number"),
+        (("--kp", "1", "--ki", "1e400", "--alpha", "1"), "--ki': 1e400 is too large to compute with"),
         ((*PUBLISHED, "--tolerance", "0"), "tolerance = 0.0 must be greater than 0 and at most 0.01"),
         ((*PUBLISHED, "--tolerance", "nan"), "tolerance = nan must be greater than 0 and at most 0.01"),
         (("--kp", "1", "--ki", "1"), "--alpha"),
@@ -517,6 +519,20 @@ def test_long_work_is_told_of_ever_more_seldom_and_never_when_it_should_be_quiet
         pass
     assert said == []
     assert capsys.readouterr().err == ""
+
+
+def test_who_waits_for_the_compiler_is_told_that_it_is_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba import njit
+
+    monkeypatch.setattr("fopi_tune.cli.output._FIRST_NOTE_S", 0.05)
+    said: list[str] = []
+    monkeypatch.setattr("fopi_tune.cli.output.say", said.append)
+    with still_running_notes("s: still tuning", quiet=False):
+        while not said:
+            njit(lambda x: x + 1)(1.0)
+        for _ in range(100):
+            njit(lambda x: x + 1)(1.0)
+    assert any("still tuning after" in words and "(compiling the search: one to two minutes" in words for words in said)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from fopi_tune.core.compiled.kept import kept, sources
+
 #: as in `bode_form`
 _EXPONENT_CAP, _BOUND_CAP = 700.0, math.exp(300.0)
 #: |u| and |corner| up to which e^u and e^-corner are multiplied
@@ -59,23 +61,12 @@ class Direct(NamedTuple):
 
 #: compiled into what calls it
 inner: Any = njit(error_model="numpy")
-_SOURCES = tuple(
-    (path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(Path(__file__).parent.glob("*.py"))
-)
+_SOURCES = sources(Path(__file__).parent.glob("*.py"))
 
 
-def entry(make: Callable[[Any], Callable[..., Any]]) -> Any:
-    """What Python calls: compiled, and kept in Numba's cache where there is one.
-
-    Args:
-        make: returns the function; that refers to its argument, so that Numba's key holds all modules of this folder.
-    """
-    function = make(_SOURCES)
-    try:
-        return njit(error_model="numpy", cache=True)(function)
-    except RuntimeError:
-        # neither beside this file nor in the user's cache can be written
-        return njit(error_model="numpy")(function)
+def entry(function: Callable[..., Any]) -> Any:
+    """What Python calls: compiled, and kept in Numba's cache where there is one."""
+    return kept(function, _SOURCES, error_model="numpy")
 
 
 @inner
@@ -308,30 +299,24 @@ def direct_at(direct, r, u, gain, phase):
     return math.log(size), angle + 2.0 * math.pi * turns
 
 
-def _values(sources):
-    def values(terms, rows, u):
-        """ln f and d ln f/du of functions in Bode form; rows and u of shape (n,)."""
-        _key = sources
-        value, slope = np.empty(len(u), dtype=np.complex128), np.empty(len(u), dtype=np.complex128)
-        for i in range(len(u)):
-            gain, phase, rise, turn, _, _, _ = bode_at(terms, rows[i], u[i], 0.0)
-            value[i], slope[i] = complex(gain, phase), complex(rise, turn)
-        return value, slope
-
-    return values
+@entry
+def values(terms, rows, u):
+    """ln f and d ln f/du of functions in Bode form; rows and u of shape (n,)."""
+    value, slope = np.empty(len(u), dtype=np.complex128), np.empty(len(u), dtype=np.complex128)
+    for i in range(len(u)):
+        gain, phase, rise, turn, _, _, _ = bode_at(terms, rows[i], u[i], 0.0)
+        value[i], slope[i] = complex(gain, phase), complex(rise, turn)
+    return value, slope
 
 
-def _loop_values(sources):
-    def loop_values(terms, direct, rows, u):
-        """The same of loops, by `loop_at`."""
-        _key = sources
-        value, slope = np.empty(len(u), dtype=np.complex128), np.empty(len(u), dtype=np.complex128)
-        for i in range(len(u)):
-            gain, phase, rise, turn, _, _ = loop_at(terms, direct, rows[i], u[i], 0.0)
-            value[i], slope[i] = complex(gain, phase), complex(rise, turn)
-        return value, slope
-
-    return loop_values
+@entry
+def loop_values(terms, direct, rows, u):
+    """The same of loops, by `loop_at`."""
+    value, slope = np.empty(len(u), dtype=np.complex128), np.empty(len(u), dtype=np.complex128)
+    for i in range(len(u)):
+        gain, phase, rise, turn, _, _ = loop_at(terms, direct, rows[i], u[i], 0.0)
+        value[i], slope[i] = complex(gain, phase), complex(rise, turn)
+    return value, slope
 
 
 @inner
@@ -354,17 +339,11 @@ def slope_at(terms, r, u):
     return along, across
 
 
-def _slopes(sources):
-    def slopes(terms, rows, u):
-        """d ln f/du of functions in Bode form; rows and u of shape (n,)."""
-        _key = sources
-        slope = np.empty(len(u), dtype=np.complex128)
-        for i in range(len(u)):
-            along, across = slope_at(terms, rows[i], u[i])
-            slope[i] = complex(along, across)
-        return slope
-
-    return slopes
-
-
-values, loop_values, slopes = entry(_values), entry(_loop_values), entry(_slopes)
+@entry
+def slopes(terms, rows, u):
+    """d ln f/du of functions in Bode form; rows and u of shape (n,)."""
+    slope = np.empty(len(u), dtype=np.complex128)
+    for i in range(len(u)):
+        along, across = slope_at(terms, rows[i], u[i])
+        slope[i] = complex(along, across)
+    return slope

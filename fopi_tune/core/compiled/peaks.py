@@ -128,63 +128,57 @@ def _examine(one, first, second, r, cells, count, sign, values, bounds):
             values[begin + i], bounds[begin + i] = _value_and_bound(one, single, _term_in(s, i, h), other, h, sign)
 
 
-def _branch_and_bound(sources):
-    def branch_and_bound(one, first, second, low, high, sign, floor, most_cells):
-        """max over u of sign * (-ln|K|) on [low, high], shapes (m,), its u, and the number of cells.
+@entry
+def branch_and_bound(one, first, second, low, high, sign, floor, most_cells):
+    """max over u of sign * (-ln|K|) on [low, high], shapes (m,), its u, and the number of cells.
 
-        Args:
-            one: whether the constant 1 is a summand of K.
-            first, second: the other summands in Bode form, `second` of 0 rows where there is none.
-            low, high: shape (m,).
-            sign: 1 or -1.
-            floor: shape (m,); cells with a bound below it are dropped.
-            most_cells: of all rows; with more the number of cells is what was examined until then.
-        """
-        _key = sources
-        m, work = len(low), 0
-        best, where = np.full(m, -np.inf), low.copy()
-        cells, new = np.empty((256, 2)), np.empty((256, 2))
-        for r in range(m):
-            for end in range(2):
-                u = low[r] if end == 0 else high[r]
-                terms = _term_at(first, r, u, 0.0), _term_at(second, r, u, 0.0)
-                value, _ = _value_and_bound(one, second.whole.shape[1] == 0, terms[0], terms[1], 0.0, sign)
-                if value > best[r]:
-                    best[r], where[r] = value, u
-            count, wide = 1, _FIRST_CELLS
-            cells[0, 0], cells[0, 1] = low[r], high[r]
-            while count > 0:
-                if wide * count > len(new):
-                    new = np.empty((2 * wide * count, 2))
-                for i in range(count):
-                    for k in range(wide):
-                        a, b = cells[i, 0], cells[i, 1]
-                        new[wide * i + k, 0] = a + (b - a) * (k / wide)
-                        new[wide * i + k, 1] = a + (b - a) * ((k + 1) / wide) if k < wide - 1 else b
-                count, wide = wide * count, _PIECES
-                work += count
-                if work > most_cells:
-                    return best, where, work
-                if len(cells) < count:
-                    cells = np.empty((2 * count, 2))
-                # the best value of all decides
-                values, bounds, level, at = np.empty(count), np.empty(count), -np.inf, 0.0
-                _examine(one, first, second, r, new, count, sign, values, bounds)
-                for i in range(count):
-                    if values[i] >= level:
-                        level, at = values[i], 0.5 * (new[i, 0] + new[i, 1])
-                if level > best[r]:
-                    best[r], where[r] = level, at
-                kept = 0
-                for i in range(count):
-                    enough = bounds[i] > max(best[r], floor[r]) + _TOLERANCE
-                    if enough and 0.5 * (new[i, 1] - new[i, 0]) > _SMALLEST_WIDTH:
-                        cells[kept, 0], cells[kept, 1] = new[i, 0], new[i, 1]
-                        kept += 1
-                count = kept
-        return best, where, work
-
-    return branch_and_bound
-
-
-branch_and_bound = entry(_branch_and_bound)
+    Args:
+        one: whether the constant 1 is a summand of K.
+        first, second: the other summands in Bode form, `second` of 0 rows where there is none.
+        low, high: shape (m,).
+        sign: 1 or -1.
+        floor: shape (m,); cells with a bound below it are dropped.
+        most_cells: of all rows; with more the number of cells is what was examined until then.
+    """
+    m, work = len(low), 0
+    best, where = np.full(m, -np.inf), low.copy()
+    cells, new = np.empty((256, 2)), np.empty((256, 2))
+    for r in range(m):
+        for end in range(2):
+            u = low[r] if end == 0 else high[r]
+            terms = _term_at(first, r, u, 0.0), _term_at(second, r, u, 0.0)
+            value, _ = _value_and_bound(one, second.whole.shape[1] == 0, terms[0], terms[1], 0.0, sign)
+            if value > best[r]:
+                best[r], where[r] = value, u
+        count, wide = 1, _FIRST_CELLS
+        cells[0, 0], cells[0, 1] = low[r], high[r]
+        while count > 0:
+            if wide * count > len(new):
+                new = np.empty((2 * wide * count, 2))
+            for i in range(count):
+                for k in range(wide):
+                    a, b = cells[i, 0], cells[i, 1]
+                    new[wide * i + k, 0] = a + (b - a) * (k / wide)
+                    new[wide * i + k, 1] = a + (b - a) * ((k + 1) / wide) if k < wide - 1 else b
+            count, wide = wide * count, _PIECES
+            work += count
+            if work > most_cells:
+                return best, where, work
+            if len(cells) < count:
+                cells = np.empty((2 * count, 2))
+            # the best value of all decides
+            values, bounds, level, at = np.empty(count), np.empty(count), -np.inf, 0.0
+            _examine(one, first, second, r, new, count, sign, values, bounds)
+            for i in range(count):
+                if values[i] >= level:
+                    level, at = values[i], 0.5 * (new[i, 0] + new[i, 1])
+            if level > best[r]:
+                best[r], where[r] = level, at
+            kept = 0
+            for i in range(count):
+                enough = bounds[i] > max(best[r], floor[r]) + _TOLERANCE
+                if enough and 0.5 * (new[i, 1] - new[i, 0]) > _SMALLEST_WIDTH:
+                    cells[kept, 0], cells[kept, 1] = new[i, 0], new[i, 1]
+                    kept += 1
+            count = kept
+    return best, where, work

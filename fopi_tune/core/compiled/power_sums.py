@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.compiled.loops import entry
+from fopi_tune.core.compiled.loops import entry, power_sum_at
 
 Array = NDArray[np.float64]
 #: terms of (1) at most, and rows of a table: q, b, cos psi, sin psi, zeros of Im G (inf where there are fewer; the last
@@ -140,18 +140,10 @@ def ends(tables: Array) -> tuple[Array, Array, Array]:
     return q, b, angle + 2.0 * np.pi * np.round((middle - angle) / (2.0 * np.pi))
 
 
-def _bounds(sources):
-    from fopi_tune.core.compiled.loops import power_sum_at
-
-    def bounds(tables, rows, u, h):
-        """A bound of |d2 ln G/du2| on [u - h, u + h]; rows, u and h of shape (n,)."""
-        _key = sources
-        found = np.empty(len(u))
-        for i in range(len(u)):
-            found[i] = power_sum_at(tables, rows[i], u[i], h[i])[6]
-        return found
-
-    return bounds
-
-
-curvature_bounds = entry(_bounds)
+@entry
+def curvature_bounds(tables, rows, u, h):
+    """A bound of |d2 ln G/du2| on [u - h, u + h]; rows, u and h of shape (n,)."""
+    found = np.empty(len(u))
+    for i in range(len(u)):
+        found[i] = power_sum_at(tables, rows[i], u[i], h[i])[6]
+    return found

@@ -89,76 +89,70 @@ def _examine(is_phase, terms, direct, r, cells, count, level, found):
                 found[begin + i, 1], found[begin + i, 2] = s[SLOPE, i], s[OF_GAIN, i]
 
 
-def _loop_roots(sources):
-    def loop_roots(is_phase, terms, direct, levels, rows, low, high):
-        """Roots of ln|L| - level, or of arg L + 180 deg modulo 360 deg.
+@entry
+def loop_roots(is_phase, terms, direct, levels, rows, low, high):
+    """Roots of ln|L| - level, or of arg L + 180 deg modulo 360 deg.
 
-        Args:
-            is_phase: which.
-            terms, direct: of m loops.
-            levels: shape (m,), in neper.
-            rows, low, high: shape (n,), loops and the intervals of u in which roots are searched for.
+    Args:
+        is_phase: which.
+        terms, direct: of m loops.
+        levels: shape (m,), in neper.
+        rows, low, high: shape (n,), loops and the intervals of u in which roots are searched for.
 
-        Returns:
-            Whether all could be listed, and (loop, u, 1 where it only touches), shape (k, 3), not sorted.
-        """
-        _key = sources
-        found, count, work = np.empty((4 * len(rows) + 16, 3)), 0, 0
-        cells, halves, numbers, period = (
-            np.empty((_CELLS, 2)),
-            np.empty((_CELLS, 2)),
-            np.empty((_CELLS, 3)),
-            2.0 * math.pi,
-        )
-        for i in range(len(rows)):
-            r, level = rows[i], levels[rows[i]]
-            here = FIRST_CELLS
+    Returns:
+        Whether all could be listed, and (loop, u, 1 where it only touches), shape (k, 3), not sorted.
+    """
+    found, count, work = np.empty((4 * len(rows) + 16, 3)), 0, 0
+    cells, halves, numbers, period = (
+        np.empty((_CELLS, 2)),
+        np.empty((_CELLS, 2)),
+        np.empty((_CELLS, 3)),
+        2.0 * math.pi,
+    )
+    for i in range(len(rows)):
+        r, level = rows[i], levels[rows[i]]
+        here = FIRST_CELLS
+        for k in range(here):
+            cells[k, 0] = low[i] + (high[i] - low[i]) * (k / here)
+            cells[k, 1] = low[i] + (high[i] - low[i]) * ((k + 1) / here) if k < here - 1 else high[i]
+        while here > 0:
+            work += here
+            if work > MOST_CELLS:
+                return False, found[:count]
+            if 2 * here > len(halves):
+                halves, numbers = np.empty((4 * here, 2)), np.empty((4 * here, 3))
+            _examine(is_phase, terms, direct, r, cells, here, level, numbers)
+            left = 0
             for k in range(here):
-                cells[k, 0] = low[i] + (high[i] - low[i]) * (k / here)
-                cells[k, 1] = low[i] + (high[i] - low[i]) * ((k + 1) / here) if k < here - 1 else high[i]
-            while here > 0:
-                work += here
-                if work > MOST_CELLS:
-                    return False, found[:count]
-                if 2 * here > len(halves):
-                    halves, numbers = np.empty((4 * here, 2)), np.empty((4 * here, 3))
-                _examine(is_phase, terms, direct, r, cells, here, level, numbers)
-                left = 0
-                for k in range(here):
-                    a, b = cells[k, 0], cells[k, 1]
-                    c, h = 0.5 * (a + b), 0.5 * (b - a)
-                    value, slope, bound = numbers[k, 0], numbers[k, 1], numbers[k, 2]
-                    reach = abs(slope) * h + 0.5 * bound * h * h
-                    distance = abs(value - period * np.round(value / period)) if is_phase else abs(value)
-                    if not (distance <= reach * WIDER + ROUNDING and (distance + reach > FLAT or h < FLAT_WIDTH)):
+                a, b = cells[k, 0], cells[k, 1]
+                c, h = 0.5 * (a + b), 0.5 * (b - a)
+                value, slope, bound = numbers[k, 0], numbers[k, 1], numbers[k, 2]
+                reach = abs(slope) * h + 0.5 * bound * h * h
+                distance = abs(value - period * np.round(value / period)) if is_phase else abs(value)
+                if not (distance <= reach * WIDER + ROUNDING and (distance + reach > FLAT or h < FLAT_WIDTH)):
+                    continue
+                if abs(slope) <= bound * h or math.isnan(bound):
+                    if h >= SMALLEST_WIDTH:
+                        halves[left, 0], halves[left, 1], halves[left + 1, 0], halves[left + 1, 1] = a, c, c, b
+                        left += 2
                         continue
-                    if abs(slope) <= bound * h or math.isnan(bound):
-                        if h >= SMALLEST_WIDTH:
-                            halves[left, 0], halves[left, 1], halves[left + 1, 0], halves[left + 1, 1] = a, c, c, b
-                            left += 2
-                            continue
-                        if distance < TOUCH:
-                            found, count = _kept(found, count, r, c, 1.0)
-                            continue
-                    at_a, _, _ = _value(is_phase, terms, direct, r, a, 0.0, level)
-                    at_b, _, _ = _value(is_phase, terms, direct, r, b, 0.0, level)
-                    if not is_phase:
-                        if (at_a >= 0.0) != (at_b >= 0.0):
-                            u = _polished(is_phase, terms, direct, r, a, b, at_a < at_b, level, 0.0)
-                            found, count = _kept(found, count, r, u, 0.0)
+                    if distance < TOUCH:
+                        found, count = _kept(found, count, r, c, 1.0)
                         continue
-                    # half-open at the upper value on both sides, so that neighbours count a root on their edge once
-                    below, above = np.ceil(min(at_a, at_b) / period), np.ceil(max(at_a, at_b) / period)
-                    if not above - below < MOST_CELLS - count:
-                        return False, found[:count]
-                    for turn in range(int(max(above - below, 0.0))):
-                        target = (below + turn) * period
-                        u = _polished(is_phase, terms, direct, r, a, b, at_a < at_b, level, target)
+                at_a, _, _ = _value(is_phase, terms, direct, r, a, 0.0, level)
+                at_b, _, _ = _value(is_phase, terms, direct, r, b, 0.0, level)
+                if not is_phase:
+                    if (at_a >= 0.0) != (at_b >= 0.0):
+                        u = _polished(is_phase, terms, direct, r, a, b, at_a < at_b, level, 0.0)
                         found, count = _kept(found, count, r, u, 0.0)
-                cells, halves, here = halves, cells, left
-        return True, found[:count]
-
-    return loop_roots
-
-
-loop_roots = entry(_loop_roots)
+                    continue
+                # half-open at the upper value on both sides, so that neighbours count a root on their edge once
+                below, above = np.ceil(min(at_a, at_b) / period), np.ceil(max(at_a, at_b) / period)
+                if not above - below < MOST_CELLS - count:
+                    return False, found[:count]
+                for turn in range(int(max(above - below, 0.0))):
+                    target = (below + turn) * period
+                    u = _polished(is_phase, terms, direct, r, a, b, at_a < at_b, level, target)
+                    found, count = _kept(found, count, r, u, 0.0)
+            cells, halves, here = halves, cells, left
+    return True, found[:count]

@@ -35,46 +35,40 @@ def _sign_change(part, terms, r, a, b, at_a, at_b):
     return x
 
 
-def _turning_points(sources):
-    def turning_points(terms, grid, flat):
-        """Where d ln|f|/du or d arg f/du changes its sign.
+@entry
+def turning_points(terms, grid, flat):
+    """Where d ln|f|/du or d arg f/du changes its sign.
 
-        Args:
-            terms: m functions in Bode form.
-            grid: shape (m, n), sorted u.
-            flat: slopes below this are rounding errors.
+    Args:
+        terms: m functions in Bode form.
+        grid: shape (m, n), sorted u.
+        flat: slopes below this are rounding errors.
 
-        Returns:
-            Shape (k, 4): 0 for ln|f| or 1 for arg f, the function, u, and 1 for a maximum or 0 for a minimum; of each
-            part in the order of functions and u.
-        """
-        _key = sources
-        found, count = np.empty((256, 4)), 0
-        m, n = grid.shape
-        slopes = np.empty((m, n, 2))
+    Returns:
+        Shape (k, 4): 0 for ln|f| or 1 for arg f, the function, u, and 1 for a maximum or 0 for a minimum; of each
+        part in the order of functions and u.
+    """
+    found, count = np.empty((256, 4)), 0
+    m, n = grid.shape
+    slopes = np.empty((m, n, 2))
+    for r in range(m):
+        slope_block(terms, r, grid[r], slopes[r])
+    for part in range(2):
         for r in range(m):
-            slope_block(terms, r, grid[r], slopes[r])
-        for part in range(2):
-            for r in range(m):
-                last = -1
-                for k in range(n):
-                    here = slopes[r, k, part]
-                    if abs(here) <= flat:
-                        continue
-                    if last >= 0 and (here > 0.0) != (slopes[r, last, part] > 0.0):
-                        if count == len(found):
-                            longer = np.empty((2 * count, 4))
-                            longer[:count] = found
-                            found = longer
-                        before = slopes[r, last, part]
-                        u = _sign_change(part, terms, r, grid[r, last], grid[r, k], before, here)
-                        found[count, 0], found[count, 1], found[count, 2] = part, r, u
-                        found[count, 3] = 1.0 if before > 0.0 else 0.0
-                        count += 1
-                    last = k
-        return found[:count]
-
-    return turning_points
-
-
-turning_points = entry(_turning_points)
+            last = -1
+            for k in range(n):
+                here = slopes[r, k, part]
+                if abs(here) <= flat:
+                    continue
+                if last >= 0 and (here > 0.0) != (slopes[r, last, part] > 0.0):
+                    if count == len(found):
+                        longer = np.empty((2 * count, 4))
+                        longer[:count] = found
+                        found = longer
+                    before = slopes[r, last, part]
+                    u = _sign_change(part, terms, r, grid[r, last], grid[r, k], before, here)
+                    found[count, 0], found[count, 1], found[count, 2] = part, r, u
+                    found[count, 3] = 1.0 if before > 0.0 else 0.0
+                    count += 1
+                last = k
+    return found[:count]

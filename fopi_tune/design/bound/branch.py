@@ -30,7 +30,7 @@ from fopi_tune.design.bound.gain_ranges import box_rows, order_over
 from fopi_tune.design.bound.integrals import filters_over
 from fopi_tune.design.bound.polygon import what_is_left
 from fopi_tune.design.bound.tangents import band_rows
-from fopi_tune.design.global_search.compiled import compiled
+from fopi_tune.design.global_search.compiled import compiled, entry
 from fopi_tune.design.global_search.responses import copy_into
 
 _PI = math.pi
@@ -111,7 +111,7 @@ def _middle(low, high):
     return 0.5 * (low + high)
 
 
-@compiled
+@entry
 def branch(code, target, quadrants, cells, number, most, table, rows, box, work):
     """Discard cells until none is left or `most` were looked at: (first that is left, behind the last one, looked).
 

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit, types
 from numba.extending import models, register_model, typeof_impl
 
+from fopi_tune.core.compiled.kept import kept, sources
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 #: kinds of rows; those up to LOOP_GAIN are functions of frequency
@@ -51,13 +52,6 @@ ENDLESS = 9.0
 CLOSEST = 0.01
 
 
-def _sources() -> tuple[tuple[str, int, int], ...]:
-    """Names, sizes and times of the modules that hold such functions:  Numba's own key holds those of one alone."""
-    design = Path(__file__).parents[1]
-    found = sorted([*design.glob("global_search/*.py"), *design.glob("bound/*.py")])
-    return tuple((path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in found)
-
-
 #: what Numba's own type hints of `njit` do not know
 _WITHOUT_WRAPPERS: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
@@ -70,14 +64,15 @@ class Compiled:
 
     Args:
         function: in the part of Python that Numba knows.
+        is_entry: compiled code calls what Python calls: it is compiled once although both do.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], is_entry: bool = False) -> None:
         functools.update_wrapper(self, function)
-        self.name, self._function = function.__name__, function
+        self.name, self._function, self._is_entry = function.__name__, function, is_entry
 
     def __call__(self, *arguments: Any) -> Any:
-        return self._from_python(*arguments)
+        return self.from_python(*arguments)
 
     def __reduce__(self) -> str:
         # by name, so that Numba's key, which is made of it, is the same in each process
@@ -86,22 +81,12 @@ class Compiled:
     @functools.cached_property
     def dispatcher(self) -> Any:
         """What compiled code calls; not made where all code comes from Numba's cache."""
-        return njit(**_WITHOUT_WRAPPERS)(self._function)
+        return self.from_python if self._is_entry else njit(**_WITHOUT_WRAPPERS)(self._function)
 
     @functools.cached_property
-    def _from_python(self) -> Callable[..., Any]:
-        function, sources = self, _SOURCES
-
-        def call(*arguments):
-            _ = sources  # part of the function and so of Numba's key
-            return function(*arguments)
-
-        call.__qualname__ = f"call_{self.name}"
-        try:
-            return njit(error_model="numpy", cache=True)(call)
-        except RuntimeError:
-            # neither beside this file nor in the user's cache can be written
-            return njit(error_model="numpy")(call)
+    def from_python(self) -> Any:
+        """What Python calls."""
+        return kept(self._function, _SOURCES, error_model="numpy")
 
 
 class _CompiledType(types.Dispatcher):
@@ -119,9 +104,12 @@ def _typeof_compiled(value: Compiled, _: Any) -> _CompiledType:
     return _CompiledType(value.dispatcher)
 
 
-_SOURCES = _sources()
-#: compiles a function by Numba when it is first called, and keeps the code where it can
+_DESIGN = Path(__file__).parents[1]
+_SOURCES = sources([*_DESIGN.glob("global_search/*.py"), *_DESIGN.glob("bound/*.py")])
+#: compiles a function by Numba when it is first called
 compiled: Any = Compiled
+#: the same for what the package's Python or several of such functions call, and keeps the code where it can
+entry: Any = functools.partial(Compiled, is_entry=True)
 
 
 class Sampling(NamedTuple):

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.global_search.compiled import END, compiled
+from fopi_tune.design.global_search.compiled import END, compiled, entry
 
 _PI = math.pi
 #: where a controller's numbers are in what `controller_of` returns: h, Tf omega_s, e^g, the orders of an integral and a
@@ -26,7 +26,7 @@ _TINY = 1e-60
 _FAR_TURN, _LEAST_STEP = 1.2, 1e-7
 
 
-@compiled
+@entry
 def controller_of(x, sampling):
     """The gains x and, unless C is kp' + ki' s^-alpha, h, Tf omega_s, e^g, orders, and corners z_1, p_1, ... at alpha.
 
@@ -172,7 +172,7 @@ def controller_at(x, v):
     return real, imag
 
 
-@compiled
+@entry
 def controller_at_real(x, log_s):
     """C at a real s; x is what `controller_of` makes of the numbers."""
     if has_powers(x):
@@ -184,7 +184,7 @@ def controller_at_real(x, log_s):
     return value
 
 
-@compiled
+@entry
 def controller_at_infinity(x):
     """C as s tends to infinity; x is what `controller_of` makes of the numbers."""
     if len(x) == 3 or x[FILTER] == 0.0 or (x[HALF] == 0.0 and x[MU] != 1.0):

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.global_search.compiled import CLOSEST, END, compiled
+from fopi_tune.design.global_search.compiled import CLOSEST, END, compiled, entry
 from fopi_tune.design.global_search.controllers import fill_controller, first_term, rise_at_zero
 
 _PI = math.pi
@@ -34,7 +34,7 @@ def whole_turns(phase):
     return math.floor(x)
 
 
-@compiled
+@entry
 def fill_ray(third, c, s, table, work):
     """Write L0 = C0 P of all plants and columns into the scratch.
 

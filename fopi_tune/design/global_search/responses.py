@@ -23,6 +23,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
     compiled,
+    entry,
 )
 from fopi_tune.design.global_search.controllers import (
     controller_at,
@@ -39,7 +40,7 @@ _STEP = 1e-4
 AT_PEAK, AT_FIXED, AT_GAIN, AT_PHASE, AT_REFERENCE, AT_HORIZON, AT_INFINITY = range(7)
 
 
-@compiled
+@entry
 def loop_at(x, plant, v, near):
     """ln|L|, arg L on the branch closest to `near` (delay-free) and ln|C/F| at omega_s e^v."""
     omega = math.exp(v)
@@ -148,7 +149,7 @@ def discounted_error(x, plant, log_horizon):
     return math.log(abs(p / (1.0 + controller_at_real(x, -log_horizon) * p)))
 
 
-@compiled
+@entry
 def settle(kind, side, mode, x, plant, v, near, target, low, high, log_horizon):
     """(value, v) of a quantity at a plant, the frequency following its peak or crossing."""
     if kind == DISCOUNTED_ERROR:

@@ -30,7 +30,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.sampled_loops import WHOLE, SampledPlants
 from fopi_tune.design.constraints import Scale
-from fopi_tune.design.global_search.compiled import Sampling, compiled
+from fopi_tune.design.global_search.compiled import Sampling, compiled, entry
 from fopi_tune.digital.discretize import Method, Rule
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import DigitalSpec
@@ -54,7 +54,7 @@ def turn_rate(v, delay, half):
     return turn if half == 0.0 else 2.0 * half * turn / (1.0 + (half * math.exp(v)) ** 2)
 
 
-@compiled
+@entry
 def log_omega_of(v, half):
     """ln(omega/omega_s), by (1)."""
     return v if half == 0.0 else math.log(math.atan(half * math.exp(v)) / half)
@@ -73,7 +73,7 @@ def delayed_at_real(delay, s, half):
     return math.exp(-s * delay) if half == 0.0 else ((1.0 - half * s) / (1.0 + half * s)) ** delay
 
 
-@compiled
+@entry
 def plant_of(family, point, plant):
     """Write the coefficients of the plant at a point of the box."""
     for k in range(len(plant)):

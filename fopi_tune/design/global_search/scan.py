@@ -17,7 +17,7 @@ import math
 
 import numpy as np
 
-from fopi_tune.design.global_search.compiled import IAE, KI, NOTHING, compiled
+from fopi_tune.design.global_search.compiled import IAE, KI, NOTHING, compiled, entry
 from fopi_tune.design.global_search.controllers import fill_order
 from fopi_tune.design.global_search.intervals import allowed_on_ray
 from fopi_tune.design.global_search.rays import fill_ray, find_passages
@@ -66,7 +66,7 @@ def best_in_interval(code, low, high, deep, third, c, s, table, rows, box, work)
     return best, at
 
 
-@compiled
+@entry
 def best_on_ray(code, third, c, s, equal, pick, deep, table, rows, box, work):
     """(cost, kappa, what the second equality misses) of a ray; the cost is NOTHING where nothing is allowed.
 
@@ -111,7 +111,7 @@ def best_on_ray(code, third, c, s, equal, pick, deep, table, rows, box, work):
     return best, at, missed
 
 
-@compiled
+@entry
 def missed_on_ray(pick, third, c, s, equal, table, rows, work):
     """(what the second equality misses at the kappa of the first, whether there is one, how many kappa there are)."""
     fill_ray(third, c, s, table, work)
@@ -156,7 +156,7 @@ def best_at_margin(code, alpha, signs, equal, most, span, table, rows, box, work
     return best, at, where
 
 
-@compiled
+@entry
 def best_at_margins(code, alphas, signs, equal, most, span, table, rows, box, work):
     """`best_at_margin` of each alpha, shape (n, 3): to hand over tables takes longer than one of them."""
     found = np.empty((len(alphas), 3))
@@ -167,7 +167,7 @@ def best_at_margins(code, alphas, signs, equal, most, span, table, rows, box, wo
     return found
 
 
-@compiled
+@entry
 def best_of_shape(code, shape, signs, taus, equal, most, span, table, rows, box, work, nominal, nominal_work):
     """(cost, kappa, tau) of the best ray of a shape on which two equalities hold; `nominal` has one plant."""
     best, at, where = NOTHING, 0.0, 0.0
@@ -198,7 +198,7 @@ def best_of_shape(code, shape, signs, taus, equal, most, span, table, rows, box,
     return best, at, where
 
 
-@compiled
+@entry
 def scan_rays(code, shapes, taus, quadrants, equal, most, span, table, rows, box, work):
     """Costs and kappas, of shape (quadrants, shapes, taus), NOTHING where a ray has nothing that meets everything."""
     size = (len(quadrants), len(shapes), len(taus))
@@ -213,7 +213,7 @@ def scan_rays(code, shapes, taus, quadrants, equal, most, span, table, rows, box
     return costs, kappas
 
 
-@compiled
+@entry
 def compass(code, start, steps, fixed, signs, equal, most, span, least, rounds, table, rows, box, work):
     """Compass search on (shape, tau) from a ray: (shape, tau, cost, kappa).
 
@@ -258,7 +258,7 @@ def compass(code, start, steps, fixed, signs, equal, most, span, least, rounds, 
     return shape, tau, best, kappa
 
 
-@compiled
+@entry
 def best_with_orders(code, y, deep, signs, equal, most, span, table, rows, box, work):
     """(cost, kappa) of the ray with y = (tau, shape, alpha, mu)."""
     at, inside = with_orders(y[2], y[3], table), box_with_orders(y[3], box)
@@ -267,7 +267,7 @@ def best_with_orders(code, y, deep, signs, equal, most, span, table, rows, box, 
     return value, kappa
 
 
-@compiled
+@entry
 def scan_orders(code, grids, sizes, quadrants, equal, most, span, table, rows, box, work):
     """Costs and kappas, of shape (quadrants, alphas, mus, shapes, taus), as of `scan_rays`.
 
@@ -289,7 +289,7 @@ def scan_orders(code, grids, sizes, quadrants, equal, most, span, table, rows, b
     return costs, kappas
 
 
-@compiled
+@entry
 def pattern_search(code, start, steps, low, high, signs, equal, most, span, least, evaluations, table, rows, box, work):
     """Search on y = (tau, shape, alpha, mu) from a ray: (tau, shape, alpha, mu, cost, kappa), shape (6,).
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import ControllerSpec
-from fopi_tune.design.global_search.compiled import Box, Sampling, Table, compiled
+from fopi_tune.design.global_search.compiled import Box, Sampling, Table, compiled, entry
 from fopi_tune.design.global_search.controllers import order_of
 
 #: neper: the part of the reach of directions that does not depend on the order
@@ -113,7 +113,7 @@ def with_orders(alpha, mu, table):
     )  # fmt: skip
 
 
-@compiled
+@entry
 def box_with_orders(mu, box):
     """A box whose range of kd' = kd g omega_s^mu is that of this order."""
     factor = math.exp((mu - 1.0) * box.log_omega)
@@ -180,7 +180,7 @@ def shape_ratio(u):
     return math.exp(min(max(_REACH * u / math.sqrt(1.0 - u * u), -_MOST), _MOST))
 
 
-@compiled
+@entry
 def ray_of(shape, tau, signs, most, span, box, sampling):
     """The numbers (third, c, s) of the ray C0 with a shape and a direction that is nearest to them in the box of gains.
 

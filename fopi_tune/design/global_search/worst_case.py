@@ -23,6 +23,7 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
     compiled,
+    entry,
     order_by_first,
 )
 from fopi_tune.design.global_search.controllers import controller_of
@@ -57,7 +58,7 @@ _AT_NYQUIST = 1e2
 _CLOSE = 2e-4
 
 
-@compiled
+@entry
 def inner_slack(side, limit, scale, value):
     """Of an inequality how far inside, of an equality minus the distance."""
     return -abs(limit - value) * scale if side == 0 else side * (limit - value) * scale
@@ -211,7 +212,7 @@ def undelayed_phase(i, j, table, work):
     return work.phase[i, j] + math.exp(table.v[j]) * table.delay[i] + turned
 
 
-@compiled
+@entry
 def highest_crossover(x, table, work):
     """(v, near, whether there is one) of the nominal plant's highest gain crossover."""
     x = controller_of(x, table.sampling)
@@ -224,7 +225,7 @@ def highest_crossover(x, table, work):
     return 0.0, 0.0, False
 
 
-@compiled
+@entry
 def smallest_margin(x, table, work):
     """(margin, v, near) of the nominal plant's crossover that is closest to -1; margin negative without one."""
     x = controller_of(x, table.sampling)
@@ -297,7 +298,7 @@ def _worst_plant(
     return best, v
 
 
-@compiled
+@entry
 def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, real_rows, work, out):
     """Findings of all rows at gains x, into `out`; their number, or -1 where a plant is unstable or has no value.
 

@@ -11,13 +11,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
-from fopi_tune.design.global_search.compiled import (
-    CROSSOVER_SPREAD,
-    GAIN_AT_REFERENCE,
-    KI,
-    MARGIN_SPREAD,
-    compiled,
-)
+from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, GAIN_AT_REFERENCE, KI, MARGIN_SPREAD, entry
 from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
@@ -41,7 +35,7 @@ from fopi_tune.design.global_search.worst_case import (
 _STEP = 1e-4
 
 
-@compiled
+@entry
 def cut_slacks(x, cuts, rows, family, sampling, low_v, high_v, horizon, reference, out):
     """The slack of each cut at gains x, its frequency settled anew.
 

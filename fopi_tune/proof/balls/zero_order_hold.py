@@ -22,6 +22,7 @@ from functools import cache
 from flint import arb, arb_mat
 
 from fopi_tune.errors import DomainError
+from fopi_tune.proof.balls.dual_matrix import DualMatrix
 from fopi_tune.proof.balls.plant import Dual, PlantEnclosure
 
 _ONE, _ZERO = arb(1), arb(0)
@@ -208,16 +209,7 @@ def _any_order(plant: PlantEnclosure, direct: Dual | None, ts: arb, times: list[
         c = [value + direct * coefficient for value, coefficient in zip(c, a, strict=True)]
     phi, whole = _hold(a, Dual.of(1), axes)
     columns = [whole if t.value == 1 and not t.gradient else _hold(a, t, axes)[1] for t in times] + [whole]
-    e = [[phi[i][j] - 1 if i == j else phi[i][j] for j in range(n)] for i in range(n)]
-    characteristic, weights = [Dual.of(1)], [[] for _ in columns]
-    b = [[Dual.of(int(i == j)) for j in range(n)] for i in range(n)]
-    for k in range(n):
-        cb = [_sum([c[i] * b[i][j] for i in range(n)]) for j in range(n)]
-        for weight, column in zip(weights, columns, strict=True):
-            weight.append(_sum([x * y for x, y in zip(cb, column, strict=True)]))
-        eb = [[_sum([e[i][h] * b[h][j] for h in range(n)]) for j in range(n)] for i in range(n)]
-        characteristic.append(_sum([eb[i][i] for i in range(n)]) * (arb(-1) / (k + 1)))
-        b = [[eb[i][j] + characteristic[-1] if i == j else eb[i][j] for j in range(n)] for i in range(n)]
+    weights, characteristic = _adjugate(phi - DualMatrix.identity(n), DualMatrix.of([c]), columns)
     for k in range(1, n + 1):
         # an integrator's pole is at z = 1 exactly
         if all(value.value.is_zero() and not value.gradient for value in plant.denominator[k:]):
@@ -225,31 +217,44 @@ def _any_order(plant: PlantEnclosure, direct: Dual | None, ts: arb, times: list[
     return weights, characteristic
 
 
-def _sum(terms: list[Dual]) -> Dual:
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
+def _adjugate(e: DualMatrix, row: DualMatrix, columns: list[DualMatrix]) -> _Weights:
+    """row adj(delta - E) column of each column, and det(delta - E), by Faddeev's and LeVerrier's recursion:
+
+    B_0 = 1,  c_k = -tr(E B_(k-1))/k,  B_k = E B_(k-1) + c_k .
+    """
+    n = e.size
+    identity = b = DualMatrix.identity(n)
+    characteristic, weights = [Dual.of(1)], [[] for _ in columns]
+    for k in range(1, n + 1):
+        left = row @ b
+        for weight, column in zip(weights, columns, strict=True):
+            weight.append((left @ column).entry(0, 0))
+        eb = e @ b
+        characteristic.append(eb.trace() * (arb(-1) / k))
+        b = eb + identity * characteristic[-1]
+    return weights, characteristic
 
 
-def _hold(a: list[Dual], t: Dual, axes: int) -> tuple[list[list[Dual]], list[Dual]]:
+def _hold(a: list[Dual], t: Dual, axes: int) -> tuple[DualMatrix, DualMatrix]:
     """e^{At} and W(t) = int_0^t e^{As} b ds of a companion form with its top row a, with their gradients."""
     n = len(a)
-    value = (arb_mat(_block([x.value for x in a])) * t.value).exp()
-    gradients: list[list[dict[int, arb]]] = [[{} for _ in range(n + 1)] for _ in range(n)]
+    whole = (arb_mat(_block([x.value for x in a])) * t.value).exp()
+    phi, column = DualMatrix(_part(whole, 0, n, n), {}), DualMatrix(_part(whole, n, n, 1), {})
     for axis in range(1, axes):
         slopes = [x.gradient.get(axis) for x in a]
         if any(slope is not None for slope in slopes):
             moved = _exponential_derivative(a, [s if s is not None else _ZERO for s in slopes], t.value)
-            for i in range(n):
-                for j in range(n + 1):
-                    gradients[i][j][axis] = moved[i, n + 1 + j]
+            phi.gradient[axis], column.gradient[axis] = _part(moved, n + 1, n, n), _part(moved, 2 * n + 1, n, 1)
         if axis in t.gradient:
             # dW/dt = e^{At} b; Phi itself is asked for at t = 1 alone
-            for i in range(n):
-                gradients[i][n][axis] = gradients[i][n].get(axis, _ZERO) + value[i, 0] * t.gradient[axis]
-    phi = [[Dual(value[i, j], gradients[i][j]) for j in range(n)] for i in range(n)]
-    return phi, [Dual(value[i, n], gradients[i][n]) for i in range(n)]
+            along_t = _part(whole, 0, n, 1) * t.gradient[axis]
+            column.gradient[axis] = column.gradient[axis] + along_t if axis in column.gradient else along_t
+    return phi, column
+
+
+def _part(matrix: arb_mat, first: int, rows: int, columns: int) -> arb_mat:
+    """The first rows of the columns from `first` on."""
+    return arb_mat([[matrix[i, first + j] for j in range(columns)] for i in range(rows)])
 
 
 def _block(a: list[arb]) -> list[list[arb]]:

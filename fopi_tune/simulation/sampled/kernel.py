@@ -8,14 +8,14 @@ This module imports Numba: import it where it is needed.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
 
-from fopi_tune.simulation.sampled import controller_stages, layout, noise, noise_vectors, plant_stages, vectors
+from fopi_tune.core.compiled.kept import kept, sources
+from fopi_tune.simulation.sampled import controller_stages, noise_vectors, plant_stages
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,
@@ -186,46 +186,29 @@ def _sample(
     return check_finite
 
 
-def _source_stamp() -> tuple[int, ...]:
-    """Times and sizes of the inlined modules: part of the compiled function, and so of its key in Numba's cache."""
-    found = (
-        os.stat(str(module.__file__))
-        for module in (controller_stages, layout, noise, noise_vectors, vectors, plant_stages)
-    )
-    return tuple(number for status in found for number in (status.st_mtime_ns, status.st_size))
-
-
-def _compile(stamp: tuple[int, ...]) -> Callable[..., int]:
-    def run_blocks(
-        begin, stop, settings, offsets, table, delay, controllers, reference, signal, steps, results, traces, scratch,
-        jumps,
-    ):  # fmt: skip
-        s, rings = pointer(scratch), max(settings.ring, 1) * WIDTH
-        history, modes = pointer(scratch[offsets.size :]), pointer(scratch[offsets.size + rings :])
-        c, other = pointer(controllers), controllers.shape[1] if settings.hybrid else 0
-        inputs = pointer(jumps), pointer(delay), pointer(reference), pointer(signal)
-        inputs = *inputs, pointer(steps), pointer(traces)
-        for block in range(begin, stop):
-            _initialise(s, block, table, controllers, settings, offsets)
-            for place in range(rings):
-                history[place] = s[APPLIED + place % WIDTH]
-                modes[place] = settings.first_mode
-            check_finite = controller_stages.any_large(table, controllers, settings.sections, block)
-            for k in range(settings.steps):
-                check_finite = _sample(
-                    s, history, modes, c, other, block, k, settings, offsets, *inputs, check_finite
-                )  # fmt: skip
-            for row in range(_RESULTS):
-                for lane in range(WIDTH):
-                    results[row, block * WIDTH + lane] = s[row * WIDTH + lane]
-        return len(stamp)
-
-    try:
-        return njit(nogil=True, error_model="numpy", cache=True)(run_blocks)
-    except RuntimeError:
-        # there is no directory for the cache
-        return njit(nogil=True, error_model="numpy")(run_blocks)
+def _run_blocks(
+    begin, stop, settings, offsets, table, delay, controllers, reference, signal, steps, results, traces, scratch,
+    jumps,
+):  # fmt: skip
+    s, rings = pointer(scratch), max(settings.ring, 1) * WIDTH
+    history, modes = pointer(scratch[offsets.size :]), pointer(scratch[offsets.size + rings :])
+    c, other = pointer(controllers), controllers.shape[1] if settings.hybrid else 0
+    inputs = pointer(jumps), pointer(delay), pointer(reference), pointer(signal)
+    inputs = *inputs, pointer(steps), pointer(traces)
+    for block in range(begin, stop):
+        _initialise(s, block, table, controllers, settings, offsets)
+        for place in range(rings):
+            history[place] = s[APPLIED + place % WIDTH]
+            modes[place] = settings.first_mode
+        check_finite = controller_stages.any_large(table, controllers, settings.sections, block)
+        for k in range(settings.steps):
+            check_finite = _sample(
+                s, history, modes, c, other, block, k, settings, offsets, *inputs, check_finite
+            )  # fmt: skip
+        for row in range(_RESULTS):
+            for lane in range(WIDTH):
+                results[row, block * WIDTH + lane] = s[row * WIDTH + lane]
 
 
 #: simulates the blocks begin to stop - 1 and fills their columns of `results` and, unless it is empty, of `traces`
-run_blocks = _compile(_source_stamp())
+run_blocks = kept(_run_blocks, sources(Path(__file__).parent.glob("*.py")), nogil=True, error_model="numpy")

@@ -10,11 +10,13 @@ This module imports Numba: import it where it is needed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit
+
+from fopi_tune.core.compiled.kept import kept, sources
 
 _BIG = float(np.finfo(np.float64).max)
 #: of the controller's rows: direct, gain of the anti-windup, then pole, weight and residue of every section
@@ -186,13 +188,5 @@ def _run_plants(
     return m
 
 
-def _compile() -> Callable[..., int]:
-    try:
-        return njit(nogil=True, error_model="numpy", cache=True)(_run_plants)
-    except RuntimeError:
-        # there is no directory for the cache
-        return njit(nogil=True, error_model="numpy")(_run_plants)
-
-
 #: simulates every plant and fills `found`, shape (5, m, steps, 4), with its signals
-run_plants = _compile()
+run_plants = kept(_run_plants, sources([Path(__file__)]), nogil=True, error_model="numpy")

@@ -28,32 +28,26 @@ def loops(seed: int) -> Loops:
     return Loops.of(gains, Plants.of(loop.plant))
 
 
-def _computed(sources):
-    def computed(terms, direct, low, high, is_phase):
-        """Of each cell what `bode_at` and `loop_at` give, from blocks and one by one, and slopes in both ways."""
-        _key = sources
-        n = len(low)
-        together, alone = np.empty((11, n)), np.empty((11, n))
-        s, t = bode_block(terms, 0, low, high, n), loop_block(terms, direct, 0, low, high, n, is_phase)
-        u, slopes = 0.5 * (low + high), np.empty((n, 2))
-        slope_block(terms, 0, u, slopes)
-        for i in range(n):
-            h = 0.5 * (high[i] - low[i])
-            one, other = bode_at(terms, 0, u[i], h), loop_at(terms, direct, 0, u[i], h)
-            for k in range(7):
-                together[k, i], alone[k, i] = s[k, i], one[k]
-            value, bound = (PHASE, OF_PHASE) if is_phase else (GAIN, OF_GAIN)
-            together[7, i], alone[7, i] = t[value, i], other[value]
-            together[8, i], alone[8, i] = t[bound, i], other[bound]
-            along, across = slope_at(terms, 0, u[i])
-            together[9, i], together[10, i] = slopes[i, 0], slopes[i, 1]
-            alone[9, i], alone[10, i] = along, across
-        return together, alone
-
-    return computed
-
-
-computed = entry(_computed)
+@entry
+def computed(terms, direct, low, high, is_phase):
+    """Of each cell what `bode_at` and `loop_at` give, from blocks and one by one, and slopes in both ways."""
+    n = len(low)
+    together, alone = np.empty((11, n)), np.empty((11, n))
+    s, t = bode_block(terms, 0, low, high, n), loop_block(terms, direct, 0, low, high, n, is_phase)
+    u, slopes = 0.5 * (low + high), np.empty((n, 2))
+    slope_block(terms, 0, u, slopes)
+    for i in range(n):
+        h = 0.5 * (high[i] - low[i])
+        one, other = bode_at(terms, 0, u[i], h), loop_at(terms, direct, 0, u[i], h)
+        for k in range(7):
+            together[k, i], alone[k, i] = s[k, i], one[k]
+        value, bound = (PHASE, OF_PHASE) if is_phase else (GAIN, OF_GAIN)
+        together[7, i], alone[7, i] = t[value, i], other[value]
+        together[8, i], alone[8, i] = t[bound, i], other[bound]
+        along, across = slope_at(terms, 0, u[i])
+        together[9, i], together[10, i] = slopes[i, 0], slopes[i, 1]
+        alone[9, i], alone[10, i] = along, across
+    return together, alone
 
 
 @pytest.mark.thinned(5)

@@ -36,15 +36,12 @@ def by_factors(form: BodeForm, u: Array) -> Complex:
     return np.asarray(total, dtype=complex)
 
 
-def _bounds(sources):
-    def bounds(terms, u, h):
-        _key = sources
-        found = np.empty((len(u), 3))
-        for i in range(len(u)):
-            _, _, _, _, found[i, 0], found[i, 1], found[i, 2] = bode_at(terms, 0, u[i], h)
-        return found
-
-    return bounds
+@entry
+def _bounds(terms, u, h):
+    found = np.empty((len(u), 3))
+    for i in range(len(u)):
+        _, _, _, _, found[i, 0], found[i, 1], found[i, 2] = bode_at(terms, 0, u[i], h)
+    return found
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -70,7 +67,7 @@ def test_slopes_are_differences_of_values(seed: int) -> None:
 @pytest.mark.parametrize("h", [0.001, 0.03, 0.3, 2.0])
 def test_no_second_difference_inside_a_cell_exceeds_its_bound(seed: int, h: float) -> None:
     form = loops(seed).log
-    bounds, step = entry(_bounds)(form.terms, U, h), 0.02 * h
+    bounds, step = _bounds(form.terms, U, h), 0.02 * h
     for part in np.linspace(-0.9, 0.9, 13):
         u = U + part * h
         # second differences of slopes, which are exact to rounding: that over the step is what they are off by

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import pickle
-from pathlib import Path
 
 import numpy as np
 
-from fopi_tune.design.global_search import compiled as module
-from fopi_tune.design.global_search.compiled import Compiled, compiled, order_by_first
+from fopi_tune.design.global_search.compiled import Compiled, compiled, entry, order_by_first
 
 
 @compiled
@@ -38,15 +36,10 @@ def test_a_compiled_function_is_pickled_by_its_name() -> None:
     assert isinstance(order_by_first, Compiled)
 
 
-def test_the_key_in_the_cache_holds_every_module_that_is_compiled() -> None:
-    order_by_first(np.array([[2.0, 0.0], [1.0, 0.0]]), 2)
-    call = order_by_first._from_python.py_func
-    assert call.__closure__ is not None
-    kept = [cell.cell_contents for cell in call.__closure__]
-    (sources,) = (value for value in kept if isinstance(value, tuple))
-    design = Path(module.__file__ or "").parents[1]
-    modules = {path.name for name in ("global_search", "bound") for path in (design / name).glob("*.py")}
-    assert {name for name, _, _ in sources} == modules
+def test_a_function_that_python_calls_is_compiled_once_for_both() -> None:
+    both = entry(lambda x: x + 1.0)
+    assert both.dispatcher is both.from_python
+    assert power.dispatcher is not power.from_python
 
 
 def test_rows_are_ordered_by_their_first_column() -> None:

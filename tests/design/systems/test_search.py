@@ -77,6 +77,7 @@ def test_a_mode_that_begins_too_fast_is_told_by_a_formula() -> None:
     assert list(reasons_by_formula(system)) == []
 
 
+@pytest.mark.long
 def test_requirements_that_clash_are_named_with_the_limits_that_would_do() -> None:
     system, brake = car(), {"brake": FoPi(0.07, 0.11, 0.45)}
     name = system.scenarios[0].name
