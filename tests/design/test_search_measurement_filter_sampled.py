@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def _peaks(kp: float, ki: float, order: int, gain: float) -> tuple[float, float]
     """Largest |C F S| and |S| in dB by transforms of SciPy; inf of an unstable loop."""
     divisor = [TIME_S, 1.0] if order == 1 else [TIME_S**2 / 2, TIME_S, 1.0]
     b, a = (np.asarray(row) for row in bilinear([1.0], divisor, 1.0 / TS))
-    held = cont2discrete(([gain], [TAU, 1.0]), TS, "zoh")
+    held: Any = cont2discrete(([gain], [TAU, 1.0]), TS, "zoh")
     top, bottom = np.atleast_1d(np.squeeze(held[0])), np.asarray(held[1])
     # kp + ki Ts/2 (z + 1)/(z - 1), and z^-1 of the computing delay
     c, d = np.array([kp + 0.5 * ki * TS, 0.5 * ki * TS - kp]), np.array([1.0, -1.0])

@@ -107,3 +107,26 @@ def test_digests_of_other_structures_are_what_they_were() -> None:
     specs = (f"{SPEC}controller: {{{PID}}}\n", f"{SPEC}controller: {{alpha: 0.8}}\n")
     found = [digests_of(parse_spec(text))["controller"][:16] for text in specs]
     assert found == KNOWN_DIGESTS
+
+
+@pytest.mark.parametrize("structure", ["structure: pi", "structure: fopi", PID, FOPID])
+def test_a_measurement_filter_is_read_for_every_structure_and_is_part_of_the_controllers_digest(structure: str) -> None:
+    used = [
+        f", measurement_filter: {{order: {order}, time_constant_s: {time_s}}}"
+        for order, time_s in ((1, 0.1), (2, 0.1), (2, 0.2))
+    ]
+    specs = [parse_spec(f"{SPEC}controller: {{{structure}{each}}}\n") for each in ("", *used)]
+    filters = [spec.controller.measurement_filter for spec in specs]
+    assert filters == [None, ft.MeasurementFilter(1, 0.1), ft.MeasurementFilter(2, 0.1), ft.MeasurementFilter(2, 0.2)]
+    digests = [digests_of(spec) for spec in specs]
+    assert len({each["controller"] for each in digests}) == 4
+    for part in ("plant", "requirements", "loop"):
+        assert len({each[part] for each in digests}) == 1, part
+    made = specs[2].controller.controller(1.0, 0.5, 1.0, 0.1, 1.0)
+    assert made.measurement_filter == ft.MeasurementFilter(2, 0.1)
+
+
+def test_a_measurement_filter_and_a_requirement_on_a_scenario_are_refused_together() -> None:
+    text = SPEC.replace("requirements: [", "requirements: [{overshoot: {at_most: 0.2}, scenario: one}, ")
+    with pytest.raises(SpecError, match="without a measurement_filter in this version"):
+        parse_spec(f"{text}controller: {{structure: pi, measurement_filter: {{order: 1, time_constant_s: 0.1}}}}\n")
