@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -202,9 +202,10 @@ class Problem:
         points = self.fine_points[0] if grid == _FINE_GRID else vertices(self.spec.plant)
         digital = None if self.scaled.samples is None else self.spec.digital
         crossover = None if self.scaled.samples is None else self.scaled.samples.crossover_rad_s
-        of_scale = (self.scale.omega_rad_s, self.scale.gain, self.scale.omega_grid.tobytes())
-        filtered = self.scale.measurement_filter
-        known = (repr(self.spec.plant), filtered, digital, crossover, of_scale, named.tobytes(), points.tobytes())
+        # filters and orders of the structure are numbers of the scale
+        of_scale = (getattr(self.scale, each.name) for each in fields(self.scale))
+        hashable = tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in of_scale)
+        known = (repr(self.spec.plant), digital, crossover, hashable, named.tobytes(), points.tobytes())
         return _TableOf(grid, self.horizon_s, known, self.scaled, named, points)
 
     def rows(self, table: Table, relaxed: float = 0.0, tightening: float | None = None) -> Rows:
