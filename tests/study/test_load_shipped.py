@@ -102,7 +102,7 @@ def test_only_the_paper_has_claims() -> None:
 
 def test_more_of_a_structure_is_never_worse_on_a_plant_that_oscillates() -> None:
     study = shipped("structures")
-    errors = {}
+    errors, costs = {}, {}
     for cell in study.cells[-4:]:
         result = run_cell("key", cell)
         document = json.loads(result.document)
@@ -110,5 +110,7 @@ def test_more_of_a_structure_is_never_worse_on_a_plant_that_oscillates() -> None
         controller = cell.overrides["controller"]
         assert isinstance(controller, dict)
         errors[controller["structure"]] = value_at(document, "tune.objective")
+        costs[controller["structure"]] = value_at(document, "discretize.cost_of_step.multiplications")
     assert errors["fopid"] < min(errors["fopi"], errors["pid"])
     assert max(errors["fopi"], errors["pid"]) < errors["pi"]
+    assert costs["pi"] < costs["pid"] < costs["fopi"] < costs["fopid"]
