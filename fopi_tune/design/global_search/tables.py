@@ -14,6 +14,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sampled_loops import SampledPlants
 from fopi_tune.design.constraints import Scale
@@ -57,7 +58,7 @@ class Scaled:
 
     @classmethod
     def of(cls, family: PlantFamily, scale: Scale, samples: Samples | None = None) -> Scaled:
-        """Scale the coefficients; in continuous time they are affine in the uncertain numbers.
+        """Scale the coefficients; in continuous time they are affine in the uncertain numbers, or polynomials.
 
         Raises:
             DomainError: a numerator or a denominator of more than degree 8, or a filter that cannot be searched.
@@ -67,12 +68,17 @@ class Scaled:
         if max(numerator.shape[1], denominator.shape[1]) > WIDTH:
             raise DomainError(f"the plant's degree exceeds {WIDTH - 1}; reduce its order")
         corners = np.vstack([low, low + np.diag(high - low)]) if len(low) else np.zeros((1, 0))
-        rows = _coefficients(family, scale, corners)
-        slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
-        affine = np.vstack([rows[0] - low @ slopes, slopes])
-        if samples is None:
-            return cls(family, scale, Family(affine, 0.0, 0.0))
-        return cls(family, scale, Family(affine, samples.half, float(samples.digital.delay_samples)), samples)
+        rows = _scaled(family.coefficients(corners), scale)
+        # one factor for all members keeps the coefficients affine, or polynomials
+        unit = float(np.abs(rows[:, WIDTH : 2 * WIDTH]).max())
+        if isinstance(family, ParametricFamily):
+            terms, powers = _in_units(_scaled(family.terms(), scale), unit), family.powers
+        else:
+            rows, powers = _in_units(rows, unit), np.zeros((0, len(low)), dtype=np.int64)
+            slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
+            terms = np.vstack([rows[0] - low @ slopes, slopes])
+        half, delay = (0.0, 0.0) if samples is None else (samples.half, float(samples.digital.delay_samples))
+        return cls(family, scale, Family(terms, half, delay, powers), samples)
 
     @property
     def sampling(self) -> Sampling:
@@ -87,14 +93,14 @@ class Scaled:
 
     def members(self, points: Array) -> Array:
         """Coefficients of the plants at points of the box, shape (m, 19)."""
-        if self.samples is None:
-            return self.plants.affine[0] + points @ self.plants.affine[1:]
+        if self.samples is None and len(self.plants.powers) == 0:
+            return self.plants.terms[0] + points @ self.plants.terms[1:]
         return np.array([self.member(point) for point in points])
 
     def member(self, point: Array) -> Array:
         """Coefficients of the plant at a point of the box, shape (19,)."""
-        if self.samples is None:
-            return self.plants.affine[0] + point @ self.plants.affine[1:]
+        if self.samples is None and len(self.plants.powers) == 0:
+            return self.plants.terms[0] + point @ self.plants.terms[1:]
         plant = np.empty(2 * WIDTH + 1)
         plant_of(self.plants, point, plant)
         return plant
@@ -118,18 +124,19 @@ class Scaled:
         return float(self.samples.log_nu(np.exp(log_omega))) - math.log(self.samples.half)
 
 
-def _coefficients(family: PlantFamily, scale: Scale, points: Array) -> Array:
-    numerator, denominator, dead_time = family.coefficients(points)
-    omega = scale.omega_rad_s
+def _scaled(coefficients: tuple[Array, Array, Array], scale: Scale) -> Array:
+    """Numerators, denominators and dead times in scaled numbers, side by side, shape (m, 19)."""
+    (numerator, denominator, dead_time), omega = coefficients, scale.omega_rad_s
 
     def padded(rows: Array) -> Array:
         powers = omega ** np.arange(rows.shape[1] - 1, -1, -1.0)
         return np.hstack([np.zeros((len(rows), WIDTH - rows.shape[1])), rows * powers])
 
-    top, bottom = padded(numerator) / scale.gain, padded(denominator)
-    # one factor for all members keeps the coefficients affine
-    unit = float(np.abs(bottom).max())
-    return np.hstack([top / unit, bottom / unit, dead_time[:, None] * omega])
+    return np.hstack([padded(numerator) / scale.gain, padded(denominator), dead_time[:, None] * omega])
+
+
+def _in_units(rows: Array, unit: float) -> Array:
+    return np.hstack([rows[:, :-1] / unit, rows[:, -1:]])
 
 
 def vertices(family: PlantFamily) -> Array:

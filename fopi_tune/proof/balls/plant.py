@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import Any
 
-from flint import acb, arb
+from flint import acb, arb, fmpq
 
-from fopi_tune.core.plant import PLANT_MODELS, PlantFamily
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.computed_once import computed_once
 
@@ -170,6 +171,11 @@ def without_axes(plant: PlantEnclosure, axes: Collection[int]) -> PlantEnclosure
     return replace(plant, numerator=numerator, denominator=denominator, gain=kept(plant.gain))
 
 
+def rational(value: Fraction) -> arb:
+    """A rational number as a ball."""
+    return arb(fmpq(value.numerator, value.denominator))
+
+
 def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
     """The plants whose uncertain numbers lie in these balls.
 
@@ -185,7 +191,7 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
         else:
             axis, ball = next(uncertain)
             values[name] = Dual(ball, {axis: arb(1)})
-    numerator, denominator, dead_time = PLANT_MODELS[family.model].assemble(values)
+    numerator, denominator, dead_time = family.assemble(values, rational)
     top, bottom = _without_leading_zeros(numerator), _without_leading_zeros(denominator)
     # the tail omega -> inf divides by the denominator's power
     if len(top) > len(bottom):
