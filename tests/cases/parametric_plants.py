@@ -11,7 +11,7 @@ from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec
 
-RANGES = {"k": (1.0, 10.0), "a": (1.0, 5.0), "b": (20.0, 30.0)}
+RANGES = {"a": (1.0, 5.0), "b": (20.0, 30.0), "k": (1.0, 10.0)}
 #: the two published compensators of k/((s + a)(s + b)), as a part of the plant, and their worst |T| in dB
 LEADS = {"[1/247**2, 1/247, 1]": 1.248, "[1/165, 1]": 1.837}
 

@@ -30,6 +30,8 @@ from fopi_tune.spec.yaml.shapes import Constant, JsonSchema, ListOf, Shape
 
 ZEROS_POLES = "zeros_poles"
 _DAMPING, _NATURAL_FREQUENCY = "damping", "natural_frequency_rad_s"
+#: the numbers of a pair of zeros or poles
+PAIR_PATTERN = f"(?:{_DAMPING}|{_NATURAL_FREQUENCY})"
 _EXAMPLE = (
     "{parameters: {k: {min: 1, max: 10}, a: {min: 1, max: 5}}, model: transfer_function, numerator: [k], "
     "denominator: [1, a]}"

@@ -60,7 +60,8 @@ class Parameters(Shape):
             value = self.number.read(place.child(name))
             # a parameter that could not be read is known all the same
             found[name] = value if isinstance(value, Uncertain) else Uncertain.exactly(1.0)
-        return found
+        # drawn plants and digests do not depend on the order of a file's keys
+        return dict(sorted(found.items()))
 
     def json_schema(self) -> JsonSchema:
         return {

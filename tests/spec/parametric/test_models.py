@@ -40,7 +40,7 @@ def test_zeros_poles_and_pairs_make_the_transfer_function() -> None:
         "poles": [0, "-w/2", {"damping": "zeta", "natural_frequency_rad_s": "w"}],
         "dead_time_s": 0.1,
     }
-    found = family(plant).member(np.array([0.1, 10.0]))
+    found = family(plant).member(np.array([10.0, 0.1]))
     wanted = np.polymul(np.poly([0.0, -5.0]), [1.0, 2.0, 100.0])
     assert found.numerator == (5.0, 15.0)
     assert np.allclose(found.denominator, wanted)

@@ -47,7 +47,7 @@ def test_parameters_used_once_make_the_plants_of_plain_ranges() -> None:
     named = family_of({"k": (1.0, 2.0), "c": (3.0, 5.0)}, ["k"], [1, "c", 2])
     plain = transfer_function([(1.0, 2.0)], [1.0, (3.0, 5.0), 2.0])
     points = np.random.default_rng(2).uniform(named.low, named.high, (5, 2))
-    for one, other in zip(named.coefficients(points), plain.coefficients(points), strict=True):
+    for one, other in zip(named.coefficients(points), plain.coefficients(points[:, ::-1]), strict=True):
         assert np.array_equal(one, other)
 
 
@@ -65,7 +65,7 @@ def test_the_digest_of_a_plant_depends_on_its_expressions() -> None:
     [
         (
             {"denominator": ["a - 2", 1, "b"]},
-            "first coefficient is 0, or changes its sign, with k = 1, a = 1",
+            "first coefficient is 0, or changes its sign, with a = 1, b = 20, k = 1",
         ),
         ({"denominator": ["a - a", 1, "b"]}, "the denominator's first coefficient is 0"),
         ({"numerator": ["0 * k"]}, "plant: the whole numerator is 0"),
@@ -107,3 +107,28 @@ def test_the_schema_knows_plants_by_parameters(plant: dict[str, Any]) -> None:
     validator = jsonschema.Draft202012Validator(json_schema())
     assert validator.is_valid(json.loads(text))
     assert not validator.is_valid(json.loads(document({**plant, "gian": 1})))
+
+
+def test_the_order_of_the_parameters_in_a_file_changes_nothing() -> None:
+    plant = {"model": "transfer_function", "numerator": ["k"], "denominator": [[1, "a"], [1, "b"]]}
+    ranges = ranges_of(RANGES)
+    one, other = (
+        parse_spec(document({"parameters": dict(order), **plant}))
+        for order in (ranges.items(), reversed(ranges.items()))
+    )
+    assert one.plant.uncertain_names == other.plant.uncertain_names == ("a", "b", "k")
+    assert digests_of(one)["plant"] == digests_of(other)["plant"]
+
+
+def test_drawn_plants_have_distributions_of_parameters_and_of_places() -> None:
+    plant = {"parameters": ranges_of({"k": (1.0, 2.0)}), "model": "transfer_function", "numerator": ["k"]}
+    plant["denominator"] = [[1, {"min": 1, "max": 2}], [1, 9]]
+    noisy = {"normal": {"mean": 1.5, "std": 0.1}}
+    drawn = {"k": noisy, "denominator[0][1]": noisy}
+    text = document(plant, validation={"samples": 10, "distributions": drawn})
+    found = parse_spec(text).validation
+    assert found is not None
+    assert set(found.distributions) == set(drawn)
+    assert jsonschema.Draft202012Validator(json_schema()).is_valid(json.loads(text))
+    with pytest.raises(SpecError, match="its uncertain numbers are k, denominator"):
+        parse_spec(document(plant, validation={"distributions": {"denominator[1]": noisy}}))
