@@ -12,6 +12,7 @@ from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec
 
 RANGES = {"a": (1.0, 5.0), "b": (20.0, 30.0), "k": (1.0, 10.0)}
+BENCHMARK = "{k: {min: 1, max: 10}, a: {min: 1, max: 5}, b: {min: 20, max: 30}}"
 #: the two published compensators of k/((s + a)(s + b)), as a part of the plant, and their worst |T| in dB
 LEADS = {"[1/247**2, 1/247, 1]": 1.248, "[1/165, 1]": 1.837}
 
@@ -35,12 +36,12 @@ def family_of(ranges: Mapping[str, tuple[float, float]], numerator: Any, denomin
     return found
 
 
-def qft_benchmark(lead: str, at_most_db: float) -> DesignSpec:
+def qft_benchmark(lead: str, at_most_db: float, parameters: str = BENCHMARK) -> DesignSpec:
     """379 (s/42 + 1)/lead k/((s + a)(s + b)) with the controller 1, and a limit of |T|."""
     text = f"""schema: 1
 name: qft
 plant:
-  parameters: {{k: {{min: 1, max: 10}}, a: {{min: 1, max: 5}}, b: {{min: 20, max: 30}}}}
+  parameters: {parameters}
   model: transfer_function
   numerator: [[k], [379], [1/42, 1]]
   denominator: [[1, a], [1, b], {lead}]

@@ -14,6 +14,8 @@ from typing import Any
 
 from flint import acb, arb, fmpq
 
+from fopi_tune.core.parametric.family import ParametricFamily
+from fopi_tune.core.parametric.polynomials import ParameterPolynomial
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.computed_once import computed_once
@@ -192,11 +194,31 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
             axis, ball = next(uncertain)
             values[name] = Dual(ball, {axis: arb(1)})
     numerator, denominator, dead_time = family.assemble(values, rational)
+    if isinstance(family, ParametricFamily):
+        numerator = [_between_ends(p, c, theta) for p, c in zip(family.numerator, numerator, strict=True)]
+        denominator = [_between_ends(p, c, theta) for p, c in zip(family.denominator, denominator, strict=True)]
     top, bottom = _without_leading_zeros(numerator), _without_leading_zeros(denominator)
     # the tail omega -> inf divides by the denominator's power
     if len(top) > len(bottom):
         raise DomainError("the numerator's degree may exceed the denominator's; a plant must be proper")
     return PlantEnclosure(top, bottom, Dual.of(dead_time))
+
+
+def _between_ends(polynomial: ParameterPolynomial, coefficient: Any, theta: Sequence[arb]) -> Any:
+    """The coefficient, whose terms may cancel, between its values at the ends of axes along which it is monotone."""
+    if not isinstance(coefficient, Dual) or all(value > 0 for _, value in polynomial.terms):
+        return coefficient
+    least, most = list(theta), list(theta)
+    for axis, slope in coefficient.gradient.items():
+        ball = theta[axis - 1]
+        # balls that hold the ends, which may need more digits
+        ends = ball.mid() - ball.rad(), ball.mid() + ball.rad()
+        if slope >= 0:
+            least[axis - 1], most[axis - 1] = ends
+        elif slope <= 0:
+            most[axis - 1], least[axis - 1] = ends
+    between = polynomial.at(least, rational).union(polynomial.at(most, rational))
+    return Dual(coefficient.value.intersection(between), coefficient.gradient)
 
 
 def _without_leading_zeros(coefficients: Sequence[Any]) -> tuple[Dual, ...]:
