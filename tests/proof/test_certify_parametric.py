@@ -196,7 +196,7 @@ def outcomes(seeds: Iterable[int]) -> Counter[str]:
 
 
 def test_no_limit_short_of_a_sampled_value_is_proved() -> None:
-    assert outcomes((4, 7, 11)) == {"proved": 1, "refuted": 2}
+    assert outcomes((7, 8)) == {"proved": 1, "refuted": 1}
 
 
 @pytest.mark.long
