@@ -15,15 +15,15 @@ from typing import Any
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantModel
 from fopi_tune.spec.parametric.coefficients import Written
-from fopi_tune.spec.parametric.plants import (
+from fopi_tune.spec.parametric.plants import family_of
+from fopi_tune.spec.parametric.rational import Rational, convolved
+from fopi_tune.spec.parametric.shapes import (
     MAX_COEFFICIENTS,
     Coefficient,
     Parameters,
     ParametricRecord,
     Polynomial,
-    family_of,
 )
-from fopi_tune.spec.parametric.rational import Rational, convolved
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values
 from fopi_tune.spec.yaml.shapes import Constant, JsonSchema, ListOf, Shape
