@@ -75,11 +75,7 @@ def _choice(records: list[Schema]) -> list[str]:
     """Mappings of which one is taken: told apart by a word, or by which of their keys is there."""
     tag = _tag(records)
     if tag is not None:
-        return [
-            part
-            for record in records
-            for part in (f"**`{tag}: {record['properties'][tag]['const']}`**", _table(_rows(record)))
-        ]
+        return [part for record in records for part in (_title(tag, record), _table(_rows(record)))]
     firsts = [next(iter(record["properties"])) for record in records]
     lines = [("Word", "Takes", "Meaning")]
     shared: dict[str, Schema] = {}
@@ -97,6 +93,12 @@ def _choice(records: list[Schema]) -> list[str]:
         if inside.get("properties") or (inside.get("oneOf") and _tag(inside["oneOf"])):
             parts += [f"**`{word}`**: {_sentence(inside)}.", *_section(inside)]
     return parts
+
+
+def _title(tag: str, record: Schema) -> str:
+    """The word; a plant's models are there once more with named parameters."""
+    named = " with `parameters`" if "parameters" in record.get("required", []) else ""
+    return f"**`{tag}: {record['properties'][tag]['const']}`**{named}"
 
 
 def _is_relation(value: Schema) -> bool:
@@ -156,6 +158,8 @@ def _takes(value: Schema) -> str:
     if "enum" in value:
         return ", ".join(f"`{word}`" for word in value["enum"])
     alternatives = value.get("anyOf") or value.get("oneOf")
+    if alternatives and alternatives[-1].get("description", "").endswith("parentheses"):
+        return "number, `{nominal?, min, max}` or expression"
     if alternatives:
         return (
             " or ".join(dict.fromkeys(_takes(each) for each in alternatives))

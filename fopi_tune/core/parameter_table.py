@@ -122,7 +122,7 @@ def outside_box(points: Array, family: PlantFamily) -> Marks:
 
 def impossible(points: Array, family: PlantFamily) -> Marks:
     """Which points are no valid plants of the model (a zero time constant or gain, a negative delay), shape (m,)."""
-    refused = np.zeros(len(points), dtype=bool)
+    refused = family.refused(points)
     for column, name in enumerate(family.uncertain_names):
         values = points[:, column]
         if not len(values) or family.problem(name, _hull(values.min(), values.max())) is None:
@@ -149,7 +149,7 @@ def why_impossible(point: Array, family: PlantFamily) -> str | None:
     for name, value in zip(family.uncertain_names, point.tolist(), strict=True):
         if (wrong := family.problem(name, Uncertain.exactly(value))) is not None:
             return f"{name} = {value!r} {wrong}"
-    return None
+    return family.why_refused(point)
 
 
 def _hull(low: float, high: float) -> Uncertain:

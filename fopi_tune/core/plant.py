@@ -11,9 +11,11 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
@@ -189,6 +191,45 @@ class PlantFamily:
         """An error message for a range of the number called `name` in this model, or None."""
         return PLANT_MODELS[self.model].check(name, value)
 
+    @property
+    def dead_time(self) -> Uncertain:
+        """The dead time, s."""
+        return self.parameters["dead_time_s"]
+
+    @property
+    def dead_time_axis(self) -> int | None:
+        """The box's axis that is the dead time; None where it is exact."""
+        names = self.uncertain_names
+        return names.index("dead_time_s") if "dead_time_s" in names else None
+
+    @property
+    def is_strictly_proper(self) -> bool:
+        """Whether |P| -> 0 as omega -> inf for every member."""
+        # leading coefficients that are 0 for every corner are 0 for every member: each is affine in each number
+        top, bottom, _ = self.coefficients(self.corners())
+        leading = np.flatnonzero(np.any(top != 0.0, axis=0))
+        return len(leading) == 0 or top.shape[1] - leading[0] < bottom.shape[1]
+
+    @property
+    def is_affine_in_each_number(self) -> bool:
+        """Whether every coefficient is, the other numbers fixed."""
+        return True
+
+    def refused(self, points: Array) -> NDArray[np.bool_]:
+        """Which `points` of numbers, each of which may be such a number, are no plants together.
+
+        Args:
+            points: shape (m, p), of the box or outside, in the parameters' units.
+
+        Returns:
+            Shape (m,).
+        """
+        return np.zeros(len(points), dtype=bool)
+
+    def why_refused(self, point: Array) -> str | None:
+        """Why one `point`, shape (p,), in the parameters' units, is refused; None where it is not."""
+        return None
+
     def corners(self, most: int = 64) -> Array:
         """The nominal point, then the box's corners, shape (1 + 2^p, p); two of them if there are more than `most`."""
         low, high = self.low, self.high
@@ -197,10 +238,11 @@ class PlantFamily:
         every = list(itertools.product(*zip(low.tolist(), high.tolist(), strict=True)))
         return np.array([self.nominal_point.tolist(), *map(list, every)]).reshape(1 + len(every), len(low))
 
-    def assemble(self, values: Mapping[str, Any]) -> Assembled:
-        """Coefficients from `values` of the uncertain numbers (floats, arrays or symbols) by name.
+    def assemble(self, values: Mapping[str, Any], number: Callable[[Fraction], Any] = float) -> Assembled:
+        """Coefficients from `values` of the uncertain numbers (floats, arrays, balls or symbols) by name.
 
-        The exact ones are filled in; a value that is missing is the nominal one.
+        The exact ones are filled in; a value that is missing is the nominal one.  `number` makes one of their kind of a
+        rational number that a family by parameters has in its coefficients.
         """
         full = {name: values.get(name, number.nominal) for name, number in self.parameters.items()}
         return PLANT_MODELS[self.model].assemble(full)
@@ -254,3 +296,20 @@ class JointFamily(PlantFamily):
     def problem(self, name: str, value: Uncertain) -> str | None:
         member, _, number = name.partition(".")
         return self.members[member].problem(number, value)
+
+    def refused(self, points: Array) -> NDArray[np.bool_]:
+        found, first = np.zeros(len(points), dtype=bool), 0
+        for member in self.members.values():
+            end = first + len(member.uncertain_names)
+            found |= member.refused(points[:, first:end])
+            first = end
+        return found
+
+    def why_refused(self, point: Array) -> str | None:
+        first = 0
+        for name, member in self.members.items():
+            end = first + len(member.uncertain_names)
+            if (why := member.why_refused(point[first:end])) is not None:
+                return f"{name}: {why}"
+            first = end
+        return None

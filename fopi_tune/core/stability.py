@@ -30,6 +30,8 @@ from fopi_tune.core.plant import PlantFamily
 _COUNT = "unstable closed-loop poles"
 #: rad; a loop whose phase at |L| = 1 is this close to -180 deg passes through -1 and counts as unstable
 _MARGINAL_RAD = 1e-9
+#: plants, and parts of the box, of a search for the largest steady-state error inside
+_SAMPLED, _FINEST = 2000, 1e-6
 
 
 def _turns(phase: Array) -> Array:
@@ -104,14 +106,34 @@ def steady_state_errors(loops: Loops) -> Array:
 def largest_steady_state_error(family: PlantFamily, gains: FoPi) -> float:
     """The largest steady-state error over a family whose loops are all stable, as a part of the step.
 
-    1 + L(0) is D(0) + C(0) N(0) over D(0), a ratio of functions that are affine in each uncertain number, without a
-    pole or a zero in the family's box: it is largest at a corner.
+    1 + L(0) is D(0) + C(0) N(0) over D(0), where these are affine in each uncertain number a ratio of such functions,
+    without a pole or a zero in the family's box: it is largest at a corner.  Elsewhere a compass search from the worst
+    plant of a sample finds it.
 
     Args:
         family: the plants.
         gains: the controller.
     """
-    return float(steady_state_errors(Loops.of(gains, Plants.members(family, family.corners(most=1 << 16)))).max())
+
+    def errors(points: Array) -> Array:
+        return steady_state_errors(Loops.of(gains, Plants.members(family, points)))
+
+    points = family.corners(most=1 << 16)
+    if family.is_affine_in_each_number:
+        return float(errors(points).max())
+    low, width = family.low, family.high - family.low
+    points = np.vstack([points, low + np.random.default_rng(0).random((_SAMPLED, len(low))) * width])
+    found = errors(points)
+    worst, best, step = points[found.argmax()], float(found.max()), 0.25
+    while step > _FINEST:
+        moves = worst + step * np.vstack([np.diag(width), -np.diag(width)])
+        around = np.clip(moves, low, family.high)
+        found = errors(around)
+        if found.max() > best:
+            worst, best = around[found.argmax()], float(found.max())
+        else:
+            step *= 0.5
+    return best
 
 
 def _direction(

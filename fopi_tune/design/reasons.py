@@ -77,7 +77,7 @@ def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -
     """
     wanted = [s for s in constraints if s.where is EvaluatedAt.PHASE_CROSSOVERS and s.bound is not Bound.LOWER]
     box, family = spec.controller, spec.plant
-    if not wanted or min(box.kp.min, box.ki.min, box.kd.min) < 0 or family.parameters["dead_time_s"].max > 0:
+    if not wanted or min(box.kp.min, box.ki.min, box.kd.min) < 0 or family.dead_time.max > 0:
         return None
     plants = Plants.members(family, family.corners())
     log = _log_with_filter(spec, plants)

@@ -9,14 +9,12 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from fopi_tune.core.controller import numbers_of
 from fopi_tune.core.parallel_form import Implementation, Sections
-from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.balls.box import ball_of
 from fopi_tune.proof.certificate import (
@@ -30,6 +28,7 @@ from fopi_tune.proof.certificate import (
 )
 from fopi_tune.proof.obligations import Case
 from fopi_tune.proof.output_limits import limits_entry, read_limits
+from fopi_tune.proof.plant_entries import plant_entry, read_family
 from fopi_tune.proof.scenario_proofs import read_scenario_proofs, scenario_entries
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.proof.verification.results import Place
@@ -56,10 +55,7 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
         "spec_sha256": certificate.spec_sha256,
         "tolerance": certificate.tolerance,
         "gains": numbers_of(case.gains),
-        "plant": {
-            "model": case.family.model,
-            "parameters": [{"name": name, **asdict(value)} for name, value in case.family.parameters.items()],
-        },
+        "plant": plant_entry(case.family),
         "origin_log_rad_s": case.origin,
         **({"implementation": _implementation(case.implementation)} if case.implementation else {}),
         "stability": _stability(certificate.stability, case),
@@ -174,7 +170,7 @@ def from_document(document: object) -> Certificate:
     gains = top.child("gains")
     try:
         controller = gains.controller()
-        family = _family(top.child("plant"))
+        family = read_family(top.child("plant"))
         implementation = _read_implementation(top.child("implementation")) if "implementation" in top.value else None
         case = Case(controller, family, top.number("origin_log_rad_s"), None, implementation)
         case.loop.plant([ball_of(side) for side in case.plants])
@@ -215,27 +211,6 @@ def _read_implementation(entry: JsonObject) -> Implementation:
     if not sample_time_s > 0.0 or not delay_samples >= 0.0:
         raise CertificateError(f"{entry.place}: the sample time must be greater than 0 and the delay at least 0")
     return Implementation(Sections(sample_time_s, entry.number("direct"), poles, residues), delay_samples)
-
-
-def _family(plant: JsonObject) -> PlantFamily:
-    model = PLANT_MODELS.get(plant.text("model"))
-    if model is None:
-        raise CertificateError(f"{plant.place}.model is none of {', '.join(PLANT_MODELS)}")
-    parameters: dict[str, Uncertain] = {}
-    for entry in plant.children("parameters"):
-        name = entry.text("name")
-        number = Uncertain(entry.number("nominal"), entry.number("min"), entry.number("max"))
-        wrong = model.check(name, number)
-        if name in parameters or wrong is not None:
-            raise CertificateError(f"{entry.place}: {name} {wrong or 'appears twice'}")
-        parameters[name] = number
-    lists = {name: [key for key in parameters if key.partition("[")[0] == name] for name in model.lists}
-    expected = [f"{name}[{k}]" for name, keys in lists.items() for k in range(len(keys))] + list(model.scalars)
-    if list(parameters) != expected or not all(lists.values()):
-        raise CertificateError(f"{plant.place}.parameters are not those of model {model.name}")
-    family = PlantFamily(model.name, parameters)
-    family.member(family.nominal_point)
-    return family
 
 
 def _read_requirement(entry: JsonObject, case: Case) -> RequirementProof:

@@ -31,6 +31,7 @@ from fopi_tune.proof.obligations import (
 )
 from fopi_tune.proof.output_limits import limits_mismatches, limits_problems
 from fopi_tune.proof.places import place_problem, reaches
+from fopi_tune.proof.plant_entries import same_plants
 from fopi_tune.proof.scenario_proofs import mismatches, scenario_problems
 from fopi_tune.proof.strict_json import first_difference
 from fopi_tune.quantities import QUANTITIES
@@ -123,7 +124,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     case = certificate.case
     if (certificate.name, certificate.spec_sha256) != (spec.name, spec.sha256):
         problems.append("the name or the digest of the spec's file is another")
-    if case.family.model != spec.plant.model or dict(case.family.parameters) != dict(spec.plant.parameters):
+    if not same_plants(case.family, spec.plant):
         problems.append("the plants are not those of the spec")
     if not spec.controller.has_structure_of(case.gains):
         problems.append("the controller is not of the structure that the spec asks for")

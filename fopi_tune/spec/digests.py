@@ -10,6 +10,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from fractions import Fraction
 from typing import Any
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME
@@ -101,4 +102,6 @@ def _plain(value: Any) -> Any:
         return [_plain(entry) for entry in value]
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, Fraction):
+        return str(value)
     return value if value is None or isinstance(value, str | bool) else repr(float(value))

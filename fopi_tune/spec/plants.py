@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
+from fopi_tune.spec.parametric.models import ZEROS_POLES, parametric_record, zeros_poles_record
 from fopi_tune.spec.yaml.advice import Advised, range_advice
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, TaggedUnion, Values
-from fopi_tune.spec.yaml.shapes import Constant, Converted, ListOf, Number, PlainOrMapping, Shape
+from fopi_tune.spec.yaml.shapes import Constant, Converted, JsonSchema, ListOf, Number, PlainOrMapping, Shape
 
 #: identified models have fewer coefficients, and longer polynomials are badly conditioned
 MAX_COEFFICIENTS = 32
@@ -28,8 +30,30 @@ _EXAMPLE = "{model: lag, static_gain: 1.0, time_constant_s: 2.0}"
 
 def plant_shape() -> Shape:
     """Reads to a `PlantFamily`."""
-    records = {name: _model_record(model) for name, model in PLANT_MODELS.items()}
-    return TaggedUnion("the plant; every number of it may be uncertain", "model", records, _EXAMPLE)
+    meaning, number = "the plant; every number of it may be uncertain", uncertain_shape("a number")
+    plain = {name: _model_record(model) for name, model in PLANT_MODELS.items()}
+    zeros_poles = zeros_poles_record(number, _MEANINGS)
+    named = {name: parametric_record(model, number, _MEANINGS) for name, model in PLANT_MODELS.items()}
+    return _Plant(
+        TaggedUnion(meaning, "model", {**plain, ZEROS_POLES: zeros_poles}, _EXAMPLE),
+        TaggedUnion(meaning, "model", {**named, ZEROS_POLES: zeros_poles}, _EXAMPLE),
+    )
+
+
+@dataclass(frozen=True)
+class _Plant(Shape):
+    """A plant by its numbers, or with `parameters` by expressions in these."""
+
+    plain: TaggedUnion
+    named: TaggedUnion
+
+    def read(self, place: Place) -> PlantFamily | None:
+        return (self.named if place.has("parameters") else self.plain).read(place)
+
+    def json_schema(self) -> JsonSchema:
+        plain, named = self.plain.json_schema(), self.named.json_schema()
+        # zeros_poles is in both
+        return plain | {"oneOf": [*plain["oneOf"], *named["oneOf"][:-1]]}
 
 
 def uncertain_shape(meaning: str) -> Shape:

@@ -32,9 +32,11 @@ from fopi_tune.core.parameter_table import (
     parse_table,
     why_impossible,
 )
-from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
+from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import ValidationSpec
+from fopi_tune.spec.parametric.expressions import NAME_PATTERN
+from fopi_tune.spec.parametric.models import PAIR_PATTERN
 from fopi_tune.spec.yaml import nodes
 from fopi_tune.spec.yaml.hints import closest, one_of
 from fopi_tune.spec.yaml.nodes import Place
@@ -136,10 +138,10 @@ class _DistributionMapping(Shape):
         return read_partial if len(read_partial) == len(found) else None
 
     def json_schema(self) -> JsonSchema:
-        scalars = sorted({name for model in PLANT_MODELS.values() for name in model.scalars})
-        lists = sorted({name for model in PLANT_MODELS.values() for name in model.lists})
+        # a parameter's name, or the place of a number without one: denominator[0][1], poles[2].damping
+        index = r"\[(?:0|[1-9][0-9]*)\]"
         before = rf"(?:{'|'.join(self.members)})\." if self.members else ""
-        pattern = rf"^{before}(?:{'|'.join(scalars)}|(?:{'|'.join(lists)})\[(?:0|[1-9][0-9]*)\])$"
+        pattern = rf"^{before}(?:{NAME_PATTERN}(?:{index}){{0,2}}|(?:zeros|poles){index}\.{PAIR_PATTERN})$"
         return {
             "type": "object",
             "description": "how each uncertain number is distributed; uniform where left out",

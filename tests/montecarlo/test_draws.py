@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases.parametric_plants import family_of
 from cases.plants import brake, lag, lag_gain_and_delay, throttle, transfer_function
 from numpy.typing import NDArray
 from scipy import stats
@@ -51,6 +52,16 @@ def philox_of_the_paper(counter: list[int], key: list[int]) -> list[int]:
 
 def taus(source: Distribution, count: int = MANY, seed: int = 7) -> Array:
     return sample_points(SamplingPlan(seed, source={TAU: source}), brake(), 0, count)[:, 0]
+
+
+def test_draws_without_a_plant_of_linked_numbers_are_told() -> None:
+    family = family_of({"a": (1.0, 2.0), "b": (0.0, 0.5)}, [1], ["a - b", 1])
+    source: dict[str, Distribution] = {"a": Normal(1.5, 0.5), "b": Normal(0.25, 0.5)}
+    points = sample_points(SamplingPlan(7, source=source), family, 0, 2000)
+    assert impossible(points, family).tolist() == (points[:, 0] <= points[:, 1]).tolist()
+    assert 0.01 < impossible(points, family).mean() < 0.2
+    first = int(np.argmax(impossible(points, family)))
+    assert "first coefficient is 0, or has not the sign" in str(why_impossible(points[first], family))
 
 
 def many_numbers() -> PlantFamily:

@@ -341,7 +341,10 @@ def test_a_phase_margin_of_180_deg_can_be_asked_for(words: str) -> None:
                 "4:70: plant.pole_rad_s: 1.0e+101 is too large to compute with; write at most 1e+100",
             ],
         ),
-        ("{gain: 1}", ["4:8: plant.model: the key is missing; add it with lag, pole or transfer_function"]),
+        (
+            "{gain: 1}",
+            ["4:8: plant.model: the key is missing; add it with lag, pole, transfer_function or zeros_poles"],
+        ),
         (
             "lag",
             [

@@ -194,7 +194,7 @@ MISTAKES: list[tuple[tuple[str | int, ...], Any]] = [
     (("validation",), {"samples": 0}),
     (("validation",), {"seed": 2**63}),
     (("validation",), {"distributions": "uniform"}),
-    (("validation",), {"distributions": {"tau": "uniform"}}),
+    (("validation",), {"distributions": {"tau-1": "uniform"}}),
     (("validation",), {"distributions": {"numerator[01]": "uniform"}}),
     (("validation",), {"distributions": {"time_constant_s": "normal"}}),
     (("validation",), {"distributions": {"time_constant_s": {}}}),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 from cases.project import ROOT
 from hypothesis import given, settings
@@ -100,6 +101,16 @@ def test_a_grid_is_crossed_and_its_last_path_changes_fastest(folder: Path) -> No
     specs = [spec_from_text(cell.text) for cell in cells]
     assert [(s.plant.parameters["time_constant_s"].max, s.requirements[0].limits[0]) for s in specs] == wanted
     assert [cell.index for cell in cells] == list(range(6))
+
+
+def test_ranges_and_expressions_of_named_parameters_are_overridden_by_their_paths(folder: Path) -> None:
+    plant = "{parameters: {k: {min: 1, max: 2}, T: 3}, model: transfer_function, numerator: [k], denominator: [T, 1]}"
+    Path("lag.yaml").write_text(LAG.replace(LAG.splitlines()[2], f"plant: {plant}"), encoding="utf-8")
+    cells = study("grid: {plant.parameters.k.max: [3, 4], 'plant.denominator[1]': [1, k * T]}").cells
+    specs = [spec_from_text(cell.text) for cell in cells]
+    assert [spec.plant.parameters["k"].max for spec in specs] == [3, 3, 4, 4]
+    assert [spec.plant.member(np.array([1.5])).denominator for spec in specs] == [(3, 1), (3, 4.5)] * 2
+    assert "'kk' is no parameter of this plant; it has T, k" in mistakes("grid: {'plant.numerator[0]': [k + kk]}")[0]
 
 
 def test_zip_goes_in_step_and_is_crossed_with_the_grid_and_the_cells(folder: Path) -> None:

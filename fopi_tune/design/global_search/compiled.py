@@ -136,14 +136,18 @@ NO_SAMPLES = Sampling(0.0, np.zeros((0, 3)), 0, np.zeros(4))
 
 
 class Family(NamedTuple):
-    """The coefficients of every plant of a box, shape (1 + p, 21): `affine`[0] + point @ `affine`[1:].
+    """The coefficients of every plant of a box: `terms`[0] + point @ `terms`[1:], shape (1 + p, 21).
+
+    Of a family by parameters each row of `terms`, shape (t, 21), is a factor of the product of powers in that row of
+    `powers`, shape (t, p); other families have no `powers`.
 
     On samples the plant is behind a hold: `half` = omega_s Ts/2, 0 in continuous time, and `delay` in samples.
     """
 
-    affine: Any
+    terms: Any
     half: float
     delay: float
+    powers: Any
 
 
 class Table(NamedTuple):

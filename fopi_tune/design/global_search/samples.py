@@ -76,11 +76,14 @@ def delayed_at_real(delay, s, half):
 @entry
 def plant_of(family, point, plant):
     """Write the coefficients of the plant at a point of the box."""
-    for k in range(len(plant)):
-        total = family.affine[0, k]
-        for u in range(len(point)):
-            total += point[u] * family.affine[1 + u, k]
-        plant[k] = total
+    if len(family.powers) > 0:
+        polynomials_of(family, point, plant)
+    else:
+        for k in range(len(plant)):
+            total = family.terms[0, k]
+            for u in range(len(point)):
+                total += point[u] * family.terms[1 + u, k]
+            plant[k] = total
     if family.half > 0.0:
         behind_hold(plant, family.half, family.delay)
         filter_denominator(plant)
@@ -99,6 +102,20 @@ def filter_denominator(plant):
             plant[k] += lag * plant[k + 1]
         if k + 2 < 2 * width:
             plant[k] += square * plant[k + 2]
+
+
+@compiled
+def polynomials_of(family, point, plant):
+    """Write the coefficients that are polynomials in a point of the box."""
+    for k in range(len(plant)):
+        plant[k] = 0.0
+    for t in range(len(family.powers)):
+        product = 1.0
+        for u in range(len(point)):
+            for _ in range(family.powers[t, u]):
+                product *= point[u]
+        for k in range(len(plant)):
+            plant[k] += product * family.terms[t, k]
 
 
 @compiled

@@ -15,6 +15,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.roots import times
 from fopi_tune.core.sampled_loops import SampledPlants
@@ -64,7 +65,7 @@ class Scaled:
 
     @classmethod
     def of(cls, family: PlantFamily, scale: Scale, samples: Samples | None = None) -> Scaled:
-        """Scale the coefficients; in continuous time they are affine in the uncertain numbers.
+        """Scale the coefficients; in continuous time they are affine in the uncertain numbers, or polynomials.
 
         Raises:
             DomainError: a numerator or a denominator of more than degree 8, or a filter that cannot be searched.
@@ -77,12 +78,22 @@ class Scaled:
             beside = "" if filtered is None else f" beside a measurement filter of order {filtered.order}"
             raise DomainError(f"the plant's degree exceeds {room - 1}{beside}; reduce its order")
         corners = np.vstack([low, low + np.diag(high - low)]) if len(low) else np.zeros((1, 0))
-        rows = _coefficients(family, scale, corners, filtered=samples is None)
-        slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
-        affine = np.vstack([rows[0] - low @ slopes, slopes])
-        if samples is None:
-            return cls(family, scale, Family(affine, 0.0, 0.0))
-        return cls(family, scale, Family(affine, samples.half, float(samples.digital.delay_samples)), samples)
+        rows = _scaled(family.coefficients(corners), scale, filtered=samples is None)
+        # one factor for all members keeps the coefficients affine, or polynomials
+        unit = float(np.abs(rows[:, WIDTH : 2 * WIDTH]).max())
+        of_filter = np.array([scale.lag_and_square])
+        if isinstance(family, ParametricFamily):
+            terms = _in_units(_scaled(family.terms(), scale, filtered=samples is None), unit)
+            # F is the same for all members: a term without a power
+            terms = np.vstack([np.pad(terms, ((0, 0), (0, 2))), np.pad(of_filter, ((0, 0), (DELAY + 1, 0)))])
+            powers = np.vstack([family.powers, np.zeros((1, len(low)), dtype=np.int64)])
+        else:
+            rows = np.hstack([_in_units(rows, unit), np.repeat(of_filter, len(rows), axis=0)])
+            powers = np.zeros((0, len(low)), dtype=np.int64)
+            slopes = (rows[1:] - rows[0]) / (high - low)[:, None] if len(low) else np.zeros((0, rows.shape[1]))
+            terms = np.vstack([rows[0] - low @ slopes, slopes])
+        half, delay = (0.0, 0.0) if samples is None else (samples.half, float(samples.digital.delay_samples))
+        return cls(family, scale, Family(terms, half, delay, powers), samples)
 
     @property
     def sampling(self) -> Sampling:
@@ -97,14 +108,14 @@ class Scaled:
 
     def members(self, points: Array) -> Array:
         """Coefficients of the plants at points of the box, shape (m, 21)."""
-        if self.samples is None:
-            return self.plants.affine[0] + points @ self.plants.affine[1:]
+        if self.samples is None and len(self.plants.powers) == 0:
+            return self.plants.terms[0] + points @ self.plants.terms[1:]
         return np.array([self.member(point) for point in points])
 
     def member(self, point: Array) -> Array:
         """Coefficients of the plant at a point of the box, shape (21,)."""
-        if self.samples is None:
-            return self.plants.affine[0] + point @ self.plants.affine[1:]
+        if self.samples is None and len(self.plants.powers) == 0:
+            return self.plants.terms[0] + point @ self.plants.terms[1:]
         plant = np.empty(COEFFICIENTS)
         plant_of(self.plants, point, plant)
         return plant
@@ -128,21 +139,25 @@ class Scaled:
         return float(self.samples.log_nu(np.exp(log_omega))) - math.log(self.samples.half)
 
 
-def _coefficients(family: PlantFamily, scale: Scale, points: Array, filtered: bool) -> Array:
-    """Of continuous plants; `filtered`: times F, which on samples comes behind the hold."""
-    numerator, denominator, dead_time = family.coefficients(points)
+def _scaled(coefficients: tuple[Array, Array, Array], scale: Scale, filtered: bool) -> Array:
+    """Numerators, denominators and dead times in scaled numbers, side by side, shape (m, 19).
+
+    `filtered`: times F, which on samples comes behind the hold.
+    """
+    numerator, denominator, dead_time = coefficients
     if filtered and scale.measurement_filter is not None:
         denominator = times(denominator, scale.measurement_filter.coefficients)
-    omega, of_filter = scale.omega_rad_s, np.tile(scale.lag_and_square, (len(points), 1))
+    omega = scale.omega_rad_s
 
     def padded(rows: Array) -> Array:
         powers = omega ** np.arange(rows.shape[1] - 1, -1, -1.0)
         return np.hstack([np.zeros((len(rows), WIDTH - rows.shape[1])), rows * powers])
 
-    top, bottom = padded(numerator) / scale.gain, padded(denominator)
-    # one factor for all members keeps the coefficients affine
-    unit = float(np.abs(bottom).max())
-    return np.hstack([top / unit, bottom / unit, dead_time[:, None] * omega, of_filter])
+    return np.hstack([padded(numerator) / scale.gain, padded(denominator), dead_time[:, None] * omega])
+
+
+def _in_units(rows: Array, unit: float) -> Array:
+    return np.hstack([rows[:, :-1] / unit, rows[:, -1:]])
 
 
 def vertices(family: PlantFamily) -> Array:

@@ -50,7 +50,7 @@ def cut_slacks(x, cuts, rows, family, sampling, low_v, high_v, horizon, referenc
         reference: v of the nominal crossover.
         out: shape (n,).
     """
-    controller, plant = controller_of(x, sampling), np.empty(family.affine.shape[1])
+    controller, plant = controller_of(x, sampling), np.empty(family.terms.shape[1])
     for n in range(len(cuts)):
         cut = cuts[n]
         q, mode = int(cut[ROW]), int(cut[MODE])

@@ -14,11 +14,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
 from flint import arb
 
 from fopi_tune.core.peaks import Response
-from fopi_tune.core.plant import PlantFamily
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.quantities.responses import FrequencyFunction
@@ -183,7 +181,7 @@ def _of_requirement(
                 yield Condition(Test.STABILITY, name, upper, arb(0), **common, rate=rate / 2)
         elif name == "gain_margin_db" and not upper:
             yield Condition(Test.GAIN_MARGIN, name, upper, db(limit) + shift, **common)
-        elif name == "crossover_rad_s" and (not upper or rolls_off(spec.plant)):
+        elif name == "crossover_rad_s" and (not upper or spec.plant.is_strictly_proper):
             level = arb(limit).log() + shift
             if not upper:
                 yield Condition(Test.CROSSOVER, name, upper, level, **common)
@@ -205,14 +203,6 @@ def nominal_equality(spec: DesignSpec, quantity: str) -> Requirement | None:
         if requirement.quantity == quantity and requirement.relation is Relation.EQUALS and nominal:
             return requirement
     return None
-
-
-def rolls_off(family: PlantFamily) -> bool:
-    """Whether |P| -> 0 as omega -> inf for every member."""
-    # leading coefficients that are 0 for every corner are 0 for every member: each is affine in each number
-    top, bottom, _ = family.coefficients(family.corners())
-    leading = np.flatnonzero(np.any(top != 0.0, axis=0))
-    return len(leading) == 0 or top.shape[1] - leading[0] < bottom.shape[1]
 
 
 def _of_objective(spec: DesignSpec, beat: float | None) -> Iterator[Condition]:

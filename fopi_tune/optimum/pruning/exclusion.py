@@ -18,7 +18,7 @@ from flint import acb, arb
 from fopi_tune.core.peaks import Response
 from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
-from fopi_tune.optimum.pruning.conditions import Condition, Test, rolls_off
+from fopi_tune.optimum.pruning.conditions import Condition, Test
 from fopi_tune.optimum.pruning.crossings import GainCrossovers
 from fopi_tune.optimum.pruning.instability import is_unstable
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds, gain_ratio_stays_beyond
@@ -80,7 +80,9 @@ def response_quadratic(
     if condition.test is Test.GAIN_SPREAD:
         # with |L0| > 1 there is a higher crossover, where the ratio is too large
         (omega,) = reason.omega
-        stays = rolls_off(problem.family) and gain_ratio_stays_beyond(problem, reason.point, omega, condition.level)
+        stays = problem.family.is_strictly_proper and gain_ratio_stays_beyond(
+            problem, reason.point, omega, condition.level
+        )
         if not stays or problem.crossover_rad_s is not None:
             return None
         log_s, p = problem.response(problem.nominal, omega)
@@ -99,7 +101,9 @@ def response_quadratic(
 
 def _response(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     if condition.test is Test.RESPONSE and not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
-        is_decreasing = condition.response is Response.SENSITIVITY and condition.upper and rolls_off(problem.family)
+        is_decreasing = (
+            condition.response is Response.SENSITIVITY and condition.upper and problem.family.is_strictly_proper
+        )
         return is_decreasing and math.isinf(condition.band_rad_s[1]) and bool(condition.level < 0)
     if reason.omega == (0.0,):
         return controllers.has_integral and is_broken_at_zero(problem, condition, reason.point)

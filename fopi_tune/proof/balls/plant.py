@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import Any
 
-from flint import acb, arb
+from flint import acb, arb, fmpq
 
-from fopi_tune.core.plant import PLANT_MODELS, PlantFamily
+from fopi_tune.core.parametric.family import ParametricFamily
+from fopi_tune.core.parametric.polynomials import ParameterPolynomial
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.computed_once import computed_once
 
@@ -170,6 +173,11 @@ def without_axes(plant: PlantEnclosure, axes: Collection[int]) -> PlantEnclosure
     return replace(plant, numerator=numerator, denominator=denominator, gain=kept(plant.gain))
 
 
+def rational(value: Fraction) -> arb:
+    """A rational number as a ball."""
+    return arb(fmpq(value.numerator, value.denominator))
+
+
 def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
     """The plants whose uncertain numbers lie in these balls.
 
@@ -185,7 +193,10 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
         else:
             axis, ball = next(uncertain)
             values[name] = Dual(ball, {axis: arb(1)})
-    numerator, denominator, dead_time = PLANT_MODELS[family.model].assemble(values)
+    numerator, denominator, dead_time = family.assemble(values, rational)
+    if isinstance(family, ParametricFamily):
+        numerator = [_between_ends(p, c, theta) for p, c in zip(family.numerator, numerator, strict=True)]
+        denominator = [_between_ends(p, c, theta) for p, c in zip(family.denominator, denominator, strict=True)]
     top, bottom = _without_leading_zeros(numerator), _without_leading_zeros(denominator)
     # the tail omega -> inf divides by the denominator's power
     if len(top) > len(bottom):
@@ -202,6 +213,23 @@ def filtered(plant: PlantEnclosure, bottom: Polynomial | None) -> PlantEnclosure
         for i, number in enumerate(bottom.values):
             product[k + i] = product[k + i] + coefficient * number
     return replace(plant, denominator=tuple(product))
+
+
+def _between_ends(polynomial: ParameterPolynomial, coefficient: Any, theta: Sequence[arb]) -> Any:
+    """The coefficient, whose terms may cancel, between its values at the ends of axes along which it is monotone."""
+    if not isinstance(coefficient, Dual) or all(value > 0 for _, value in polynomial.terms):
+        return coefficient
+    least, most = list(theta), list(theta)
+    for axis, slope in coefficient.gradient.items():
+        ball = theta[axis - 1]
+        # balls that hold the ends, which may need more digits
+        ends = ball.mid() - ball.rad(), ball.mid() + ball.rad()
+        if slope >= 0:
+            least[axis - 1], most[axis - 1] = ends
+        elif slope <= 0:
+            most[axis - 1], least[axis - 1] = ends
+    between = polynomial.at(least, rational).union(polynomial.at(most, rational))
+    return Dual(coefficient.value.intersection(between), coefficient.gradient)
 
 
 def _without_leading_zeros(coefficients: Sequence[Any]) -> tuple[Dual, ...]:

@@ -102,7 +102,7 @@ class SampledBallLoop(BallLoop):
     @cached_property
     def whole_samples(self) -> int | None:
         """The family's delay when it is known and a whole number of samples."""
-        number = self.family.parameters["dead_time_s"]
+        number = self.family.dead_time
         samples = self.samples(Dual.of(number.min)).value
         whole = samples.unique_fmpz()
         return int(whole) if number.is_exact and whole is not None and samples == whole else None
@@ -180,12 +180,14 @@ class SampledBallLoop(BallLoop):
 
     @cached_property
     def _delay_axis(self) -> int:
-        return 1 + list(self.family.uncertain_names).index("dead_time_s")
+        axis = self.family.dead_time_axis
+        assert axis is not None, "only a family with pieces has cuts, and its dead time is uncertain"
+        return 1 + axis
 
     @cached_property
     def pieces(self) -> Pieces | None:
         """The family cut at whole samples of an uncertain delay, where a direct path jumps; None without such."""
-        number = self.family.parameters["dead_time_s"]
+        number = self.family.dead_time
         whole = self._continuous([ball_of(side) for side in self.family_box])
         if number.is_exact or not whole.has_direct_path:
             return None

@@ -10,11 +10,13 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from fopi_tune.core.parametric.family import EXPRESSIONS
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.documents import digest
+from fopi_tune.proof.plant_entries import plant_entry, read_family
 from fopi_tune.proof.strict_json import JsonObject, first_difference, read_most_change
 from fopi_tune.proof.switched.bounded import MOST_FOLLOWED, BoundedProof, MemoryBounds
 from fopi_tune.proof.switched.certificate import ASSUMPTIONS, SystemCertificate
@@ -117,7 +119,6 @@ def _dwell(top: JsonObject) -> int:
 
 def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any]:
     controller = loop.controller
-    numbers = loop.plant.parameters.items()
     return {
         "name": loop.name,
         "controller": {
@@ -130,10 +131,7 @@ def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any
             **({"most_change": controller.most_change} if controller.limits_rate else {}),
             "delay_samples": loop.delay_samples,
         },
-        "plant": {
-            "model": loop.plant.model,
-            "parameters": [{"name": name, "nominal": n.nominal, "min": n.min, "max": n.max} for name, n in numbers],
-        },
+        "plant": plant_entry(loop.plant),
         "decays": None if proof is None else decay_entry(proof),
     }
 
@@ -202,6 +200,8 @@ def _read_controller(entry: JsonObject) -> Runtime:
 
 
 def _read_plant(entry: JsonObject) -> PlantFamily:
+    if entry.text("model") == EXPRESSIONS:
+        return read_family(entry)
     model = PLANT_MODELS.get(entry.text("model"))
     if model is None:
         raise CertificateError(f"{entry.at('model')} is none of {', '.join(PLANT_MODELS)}")

@@ -36,6 +36,7 @@ from dataclasses import dataclass
 from flint import arb, arb_mat
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.digital.runtime import Runtime
@@ -270,6 +271,8 @@ def plant_obstacle(loop: SwitchedLoop) -> str:
         return RATE_NOT_MODELLED
     if not loop.controller.acts_on_error:
         return "a derivative, a measurement filter and a setpoint weight are not modelled in this proof"
+    if isinstance(loop.plant, ParametricFamily):
+        return "plants by named parameters or zeros and poles are not handled; write a lag or a pole"
     if loop.plant.model not in ("lag", "pole"):
         return "only plants of model lag or pole are handled"
     if parameters["dead_time_s"].max > 0.0:

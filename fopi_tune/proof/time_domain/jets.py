@@ -12,7 +12,8 @@ from typing import Any
 
 from flint import arb
 
-from fopi_tune.core.plant import PLANT_MODELS, PlantFamily
+from fopi_tune.core.plant import PlantFamily
+from fopi_tune.proof.balls.plant import rational
 
 #: value, first and second derivative of a function of one number
 Derivatives = tuple[arb, arb, arb]
@@ -126,7 +127,7 @@ def assemble_jets(family: PlantFamily, theta: Sequence[arb]) -> tuple[list[Jet],
             axis, ball = next(uncertain)
             slopes = tuple(arb(int(j == axis)) for j in range(axes))
             values[name] = Jet(ball, slopes, (arb(0),) * (axes * (axes + 1) // 2))
-    numerator, denominator, dead_time = PLANT_MODELS[family.model].assemble(values)
+    numerator, denominator, dead_time = family.assemble(values, lambda value: Jet.constant(rational(value), axes))
 
     def trimmed(coefficients: Sequence[Any]) -> list[Jet]:
         found = [c if isinstance(c, Jet) else Jet.constant(c, axes) for c in coefficients]

@@ -71,7 +71,7 @@ def why_no_method(case: TimeDomainCase) -> str:
         return f"{case.samples} samples are more than {most}{' with output limits' if limited else ''}"
     if case.limit.relation not in (Relation.AT_MOST, Relation.AT_LEAST):
         return f"a limit of {measure} that is {case.limit.relation.value} has none"
-    if case.family.parameters["dead_time_s"].max / case.sample_time_s + case.delay_samples > _MOST_SAMPLES:
+    if case.family.dead_time.max / case.sample_time_s + case.delay_samples > _MOST_SAMPLES:
         return f"a delay of more than {_MOST_SAMPLES} samples"
     if case.controller.precision is not Precision.FLOAT64:
         return "the filter is not in float64"

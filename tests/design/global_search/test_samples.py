@@ -51,6 +51,8 @@ PLANTS = {
     "dead_time_s: 0.25}",
     "negative": "{model: lag, static_gain: {min: -1.5, max: -1}, time_constant_s: 2}",
     "none": "{model: lag, static_gain: 1, time_constant_s: 2, dead_time_s: 0.5}",
+    "linked": "{parameters: {k: {min: 1, max: 2}, a: {min: 0.5, max: 1}, L: {min: 0.05, max: 0.3}}, "
+    "model: transfer_function, numerator: [k * a, k], denominator: [[1, a], [1, a**2 + k]], dead_time_s: L}",
 }
 QUANTITIES_ASKED = [
     "sensitivity_db: {at_most: 3}",
@@ -183,6 +185,7 @@ GAINS = {
     "direct": FoPi(0.5, 0.4, 1.1),
     "negative": FoPi(-1.0, -0.6, 0.9),
     "none": FoPi(1.2, 0.6, 0.9),
+    "linked": FoPi(0.8, 0.5, 0.9),
 }
 
 

@@ -28,6 +28,11 @@ CASES = {
         FoPi(0.01, 0.03, 1.0),
     ),
     "unstable": ("{model: pole, gain: {min: 0.9, max: 1.1}, pole_rad_s: {min: -0.6, max: -0.4}}", FoPi(3.0, 1.0, 1.1)),
+    "linked": (
+        "{parameters: {k: {min: 1, max: 10}, a: {min: 1, max: 5}, b: {min: 20, max: 30}}, model: transfer_function, "
+        "numerator: [k], denominator: [[1, a], [1, b]], dead_time_s: 0.01}",
+        FoPi(25.0, 60.0, 1.1),
+    ),
     "no doubt": ("{model: lag, static_gain: 1, time_constant_s: 2, dead_time_s: 0.5}", FoPi(2.0, 1.0, 0.9)),
 }
 QUANTITIES = [

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from cases.parametric_plants import family_of
 from cases.plants import lag, pole, spec_of, transfer_function
 from flint import acb, arb, ctx
 from oracles import sampled_loops as oracle
@@ -50,6 +51,10 @@ CASES: dict[str, tuple[PlantFamily, float]] = {
     "third order": (transfer_function([(-0.3, -0.4, -0.2), 1.0], [1.0, 3.0, (3.0, 2.5, 3.5), 1.0], 0.07), 0.0),
     "biproper": (transfer_function([(0.3, 0.2, 0.4), 1.0], [1.0, (1.0, 0.8, 1.2)], 0.25), 0.0),
     "integrator and lag": (transfer_function([1.0], [1.0, (1.0, 0.5, 1.5), 0.0]), 0.0),
+    "linked, late by a parameter": (
+        family_of({"T": (1.0, 1.4), "k": (0.8, 1.2)}, ["k / T"], [1.0, "1 / T + k", "k / T"], dead_time_s="T"),
+        0.5,
+    ),
 }
 
 
@@ -213,7 +218,7 @@ def test_the_closed_form_tells_levels_around_the_worst_sensitivity_apart(residue
 def test_roots_and_arguments_are_counted_as_eigenvalues_are() -> None:
     rng, unstable = np.random.default_rng(8), 0
     names = list(CASES)
-    for k in range(80):
+    for k in range(120):
         family, delay = CASES[names[k % len(names)]]
         factor = float(10.0 ** rng.uniform(-1.0, 1.2))
         sections = oracle.scaled(SECTIONS, factor)
@@ -228,7 +233,7 @@ def test_roots_and_arguments_are_counted_as_eigenvalues_are() -> None:
             == count
         )
         unstable += count > 0
-    assert 15 < unstable < 65
+    assert 15 < unstable < 105
 
 
 @pytest.mark.parametrize("late", [50, 150, 400])

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cases import switched
+from cases.parametric_plants import family_of
 from flint import arb
 
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.switched.definite import midpoints
-from fopi_tune.proof.switched.model import SwitchedLoop, SwitchedModel, lag_at, lag_range, loop_matrices
+from fopi_tune.proof.switched.model import SwitchedLoop, SwitchedModel, lag_at, lag_range, loop_matrices, plant_obstacle
 
 
 def loop_with(family: PlantFamily) -> SwitchedLoop:
@@ -37,6 +38,11 @@ FAMILIES = [
         "dead_time_s": Uncertain.exactly(0.0),
     }),
 ]  # fmt: skip
+
+
+def test_plants_by_named_parameters_are_refused_by_name() -> None:
+    linked = family_of({"T": (1.0, 2.0)}, ["T"], ["T", 1])
+    assert plant_obstacle(loop_with(linked)).startswith("plants by named parameters")
 
 
 @pytest.mark.parametrize("family", FAMILIES)

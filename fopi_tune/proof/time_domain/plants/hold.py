@@ -31,7 +31,7 @@ def family_problem(family: PlantFamily, rates: bool) -> str:
     order, direct = len(denominator) - 1, len(numerator) == len(denominator)
     if denominator[0].value.contains(0) or len(numerator) > len(denominator):
         return "plants of the family differ in their order"
-    if direct and not family.parameters["dead_time_s"].is_exact:
+    if direct and not family.dead_time.is_exact:
         return "plants with a direct path are not continuous in an uncertain dead time"
     if rates and (order != 1 or direct):
         return (
@@ -91,8 +91,8 @@ def hold_plants(
     radii = radii_of(box)
     top, bottom, dead_time = assemble_jets(family, [ball_of(interval) for interval in box])
     top_0, bottom_0, dead_time_0 = assemble_jets(family, [arb(value) for value in centre_of(box)])
-    number, names = family.parameters["dead_time_s"], family.uncertain_names
-    ends = (number.min, number.max) if number.is_exact else box[names.index("dead_time_s")]
+    number, axis = family.dead_time, family.dead_time_axis
+    ends = (number.min, number.max) if axis is None else box[axis]
     more = (delay_samples, 0.0 if loaded else delay_samples)
     late = [lateness_of(dead_time, dead_time_0, ends, sample_time_s, each) for each in more]
     if late[0] is None or late[1] is None:

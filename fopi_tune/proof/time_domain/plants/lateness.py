@@ -26,7 +26,7 @@ _U, _PRECISION = 2.0**-53, 128
 
 def _dead_time_cuts(family: PlantFamily, sample_time_s: float, more: set[float]) -> tuple[float, ...]:
     """Dead times inside their range, s, that are whole numbers of samples or just above, with one of more samples."""
-    number, found = family.parameters["dead_time_s"], set()
+    number, found = family.dead_time, set()
     for extra in more:
         ends = (math.floor(number.min / sample_time_s + extra), math.ceil(number.max / sample_time_s + extra))
         for whole in range(*ends):
@@ -42,10 +42,9 @@ def _dead_time_cuts(family: PlantFamily, sample_time_s: float, more: set[float])
 def cut_at_whole_samples(family: PlantFamily, sample_time_s: float, more: set[float]) -> list[Box]:
     """The family's box, cut where the dead time with one of these delays, in samples, is a whole number of samples."""
     box: Box = tuple((float(low), float(high)) for low, high in zip(family.low, family.high, strict=True))
-    names = family.uncertain_names
-    if "dead_time_s" not in names:
+    axis = family.dead_time_axis
+    if axis is None:
         return [box]
-    axis = names.index("dead_time_s")
     edges = [box[axis][0], *_dead_time_cuts(family, sample_time_s, more), box[axis][1]]
     return [with_interval(box, axis, ends) for ends in itertools.pairwise(edges)]
 

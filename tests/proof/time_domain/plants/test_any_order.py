@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases.parametric_plants import family_of
 from cases.plants import lag, transfer_function
 from flint import ctx
 
@@ -66,6 +67,20 @@ def test_models_hold_every_plant_of_a_box() -> None:
         for part, true in ((wide.denominator, exact.denominator), (wide.control, exact.control)):
             for (basis, model), (other, value) in zip(part.terms, true.terms, strict=True):
                 assert np.array_equal(basis.values, other.values)
+                assert_holds(model, share * radii, float(value.values[0]))
+
+
+def test_models_hold_every_linked_plant_of_a_box() -> None:
+    ranges = {"L": (0.02, 0.08), "k": (1.8, 2.2), "w": (0.9, 1.1)}
+    family = family_of(ranges, ["k * w**2"], [1, "w / 2", "w**2"], dead_time_s="L")
+    middle, radii = np.array([0.05, 2.0, 1.0]), np.array([0.01, 0.1, 0.05])
+    box = tuple(zip((middle - radii).tolist(), (middle + radii).tolist(), strict=True))
+    wide, rng = held(family, box), np.random.default_rng(2)
+    for _ in range(20):
+        share = 2.0 * rng.random(3) - 1.0
+        exact = at_point(family, tuple(np.clip(middle + share * radii, *np.array(box).T).tolist()))
+        for part, true in ((wide.denominator, exact.denominator), (wide.control, exact.control)):
+            for (_, model), (_, value) in zip(part.terms, true.terms, strict=True):
                 assert_holds(model, share * radii, float(value.values[0]))
 
 
