@@ -211,7 +211,7 @@ def test_no_limit_short_of_a_sampled_value_is_proved_of_five_hundred_families(
     counted = outcomes(range(100 + 50 * block, 150 + 50 * block))
     record_property("outcomes", dict(counted))
     print(dict(counted))
-    assert counted["undecided"] <= 8
+    assert counted["undecided"] <= 10
     assert counted["proved"] >= 5
 
 
