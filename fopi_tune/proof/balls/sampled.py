@@ -226,8 +226,6 @@ class SampledBallLoop(BallLoop):
         """C over an interval of u, without the cache."""
         return SampledControllerOnInterval(self, u, self.sections)
 
-    # -- the frequency axis -----------------------------------------------------------------------------------------
-
     def u_of(self, log_omega: float) -> float:
         """u at a frequency given by ln omega; inf from Nyquist's frequency on."""
         half = 0.5 * math.exp(min(log_omega, 700.0)) * self.implementation.sample_time_s
