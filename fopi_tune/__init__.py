@@ -1,4 +1,4 @@
-"""Robust fractional-order PI design:  a spec in, gains that are proved for every plant of the family out.
+"""Robust design of PI, PID and fractional-order controllers:  a spec in, proved gains out.
 
     import fopi_tune as ft
     design = ft.tune("specs/brake.yaml")

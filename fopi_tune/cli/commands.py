@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="fopi",
-    help="Robust fractional-order PI design: a spec in, gains that are proved for every plant of the family out.",
+    help="Robust design of PI, PID and fractional-order controllers: a spec in, proved gains out.",
     epilog="Exit codes: 0 all requirements met and proved, 1 not met, 2 bad input, 3 the tool failed.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
