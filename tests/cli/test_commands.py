@@ -530,7 +530,7 @@ def test_who_waits_for_the_compiler_is_told_that_it_is_once(monkeypatch: pytest.
     with still_running_notes("s: still tuning", quiet=False):
         while not said:
             njit(lambda x: x + 1)(1.0)
-        for _ in range(100):
+        for _ in range(10):
             njit(lambda x: x + 1)(1.0)
     assert any("still tuning after" in words and "(compiling the search: one to two minutes" in words for words in said)
 
