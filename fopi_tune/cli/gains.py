@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 _NAMES = ("kp", "ki", "alpha", "kd", "mu")
 
 
-def number_option(*names: str, **more: Any) -> Any:
+def number_option(*names: str, help: str, metavar: str = "FLOAT") -> Any:
     """An option whose number is written as in specs."""
-    return typer.Option(*names, parser=_number, **({"metavar": "FLOAT"} | more))
+    return typer.Option(*names, parser=_number, help=help, metavar=metavar)
 
 
 def _number(text: str) -> float:
