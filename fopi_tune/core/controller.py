@@ -67,6 +67,8 @@ class FoPi:
             check_finite(name, getattr(self, name))
         if not ALPHA_MIN < self.alpha < ALPHA_MAX:
             raise DomainError(f"alpha = {self.alpha!r} lies outside (0, 2); s^-alpha is an integrator only inside")
+        if not isinstance(self.measurement_filter, MeasurementFilter | None):
+            raise DomainError(f"measurement_filter = {self.measurement_filter!r} is none; give a MeasurementFilter")
 
     @property
     def is_zero(self) -> bool:

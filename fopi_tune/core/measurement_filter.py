@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 FILTER_NAMES = ("measurement_filter_order", "measurement_filter_time_constant_s")
 #: orders of a measurement filter
 FILTER_ORDERS = (1, 2)
+#: s; of what can be computed with
+_SMALLEST, _LARGEST = 1e-100, 1e100
 
 
 @dataclass(frozen=True)
@@ -42,18 +44,26 @@ class MeasurementFilter:
         time_constant_s: T > 0, s.
 
     Raises:
-        DomainError: another order, or T is not a positive number.
+        DomainError: another order, or T is not a positive number that can be computed with.
     """
 
     order: int
     time_constant_s: float
 
     def __post_init__(self) -> None:
-        if self.order not in FILTER_ORDERS:
+        if isinstance(self.order, bool) or self.order not in FILTER_ORDERS:
             raise DomainError(f"a measurement filter of order {self.order!r} is not known; take 1 or 2")
+        if isinstance(self.time_constant_s, bool) or not isinstance(self.time_constant_s, int | float):
+            raise DomainError(f"time_constant_s = {self.time_constant_s!r} of the measurement filter is not a number")
         check_finite("time_constant_s of the measurement filter", self.time_constant_s)
         if not self.time_constant_s > 0.0:
             raise DomainError(f"time_constant_s = {self.time_constant_s!r} of a measurement filter must be above 0")
+        if not _SMALLEST <= self.time_constant_s <= _LARGEST:
+            raise DomainError(
+                f"time_constant_s = {self.time_constant_s!r} of a measurement filter cannot be computed with; "
+                f"take {_SMALLEST:g} to {_LARGEST:g}"
+            )
+        object.__setattr__(self, "order", int(self.order))
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -146,4 +156,6 @@ def filter_of(numbers: Mapping[str, float]) -> MeasurementFilter | None:
     order, time_constant_s = given
     if order is None or time_constant_s is None:
         raise DomainError(f"a measurement filter has {FILTER_NAMES[0]} and {FILTER_NAMES[1]}; one of them is missing")
-    return MeasurementFilter(int(order) if order in FILTER_ORDERS else 0, time_constant_s)
+    if order not in FILTER_ORDERS:
+        raise DomainError(f"a measurement filter of order {order:g} is not known; take 1 or 2")
+    return MeasurementFilter(int(order), time_constant_s)

@@ -38,11 +38,15 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
         raise DomainError(
             f"tolerance = {tolerance!r} must be greater than 0 and at most {LARGEST_TOLERANCE:g}; 1e-6 is usual"
         )
+    if gains.measurement_filter != spec.controller.measurement_filter:
+        raise DomainError(
+            f"the gains have measurement_filter {gains.measurement_filter}, and the spec's controller "
+            f"{spec.controller.measurement_filter}"
+        )
     if not spec.controller.has_structure_of(gains):
         raise DomainError(
             "the gains are of another structure than the spec's controller; give a Pid, or with structure fopid a "
-            "FoPid, with the spec's derivative_filter_time_constant_s, and a FoPi where there is no derivative; "
-            "each with the spec's measurement_filter"
+            "FoPid, with the spec's derivative_filter_time_constant_s, and a FoPi where there is no derivative"
         )
     implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)

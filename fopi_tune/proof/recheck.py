@@ -127,7 +127,9 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     if not same_plants(case.family, spec.plant):
         problems.append("the plants are not those of the spec")
     if not spec.controller.has_structure_of(case.gains):
-        problems.append("the controller is not of the structure that the spec asks for")
+        of_filter = case.gains.measurement_filter != spec.controller.measurement_filter
+        what = "the controller's measurement_filter is not that of the spec"
+        problems.append(what if of_filter else "the controller is not of the structure that the spec asks for")
     stated = [_meaning(proof.requirement) for proof in certificate.requirements]
     # a design of a spec without an objective may have a limit of |S| added to it
     asked = [[_meaning(r) for r in each.requirements] for each in (spec, with_default_objective(spec))]

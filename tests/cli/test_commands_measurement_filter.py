@@ -73,7 +73,7 @@ def test_a_certificate_at_the_command_line_is_of_its_filter(spec: str, tmp_path:
     Path(spec).write_text(SPEC.replace("time_constant_s: 0.1}", "time_constant_s: 0.11}"), encoding="utf-8")
     other = run("prove", spec, "--recheck", str(out / "certificate.json"))
     assert other.exit_code == 1, other.output
-    assert "not of the structure that the spec asks for" in " ".join(other.output.split())
+    assert "measurement_filter is not that of the spec" in " ".join(other.output.split())
 
 
 def test_two_designs_with_other_filters_are_compared(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from scipy.signal import bilinear
 from fopi_tune.core.controller import ControllerSpec, FoPi, FoPid, GainRange, Pid, controller_of, numbers_of
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.measurement_filter import FILTER_NAMES, MeasurementFilter, filter_of
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response, extremes, log_response_at
 from fopi_tune.core.plant import Plant
@@ -146,3 +147,27 @@ def test_another_filter_is_another_structure() -> None:
 def test_a_controller_names_its_filter_only_where_it_has_one() -> None:
     assert repr(FoPi(1.0, 2.0, 0.5)) == "FoPi(kp=1.0, ki=2.0, alpha=0.5)"
     assert "order=1, time_constant_s=0.3" in repr(FoPi(1.0, 2.0, 0.5, measurement_filter=FILTERS[0]))
+
+
+@pytest.mark.parametrize("order", [True, 0, 3, 1.5, "1"])
+def test_a_filter_of_another_order_is_refused(order: Any) -> None:
+    with pytest.raises(DomainError, match="is not known; take 1 or 2"):
+        MeasurementFilter(order, 0.1)
+
+
+@pytest.mark.parametrize("time_constant_s", ["a", True, None, 0.0, -1.0, math.nan, math.inf, 1e300, 1e-300])
+def test_a_filters_time_that_cannot_be_computed_with_is_refused(time_constant_s: Any) -> None:
+    with pytest.raises(DomainError, match="time_constant_s"):
+        MeasurementFilter(1, time_constant_s)
+
+
+@pytest.mark.parametrize("used", [(1, 0.1), 0.1, "first order"])
+def test_a_controller_refuses_what_is_no_filter(used: Any) -> None:
+    with pytest.raises(DomainError, match="give a MeasurementFilter"):
+        FoPi(1.0, 1.0, 1.0, measurement_filter=used)
+
+
+def test_an_order_is_a_whole_number_however_it_is_given() -> None:
+    assert repr(MeasurementFilter(np.float64(2.0), 0.1)) == "MeasurementFilter(order=2, time_constant_s=0.1)"  # type: ignore[arg-type]
+    with pytest.raises(DomainError, match="order 3 is not known"):
+        filter_of(dict(zip(FILTER_NAMES, (3.0, 0.1), strict=True)))

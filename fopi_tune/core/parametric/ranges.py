@@ -156,6 +156,21 @@ def is_computable(polynomial: ParameterPolynomial, box: Box) -> bool:
     return low > -_LARGEST and high < _LARGEST
 
 
+def cancellation(polynomial: ParameterPolynomial, box: Box) -> float:
+    """How many times the sizes of its terms together exceed the polynomial, at its largest among points of the box."""
+    size = Fraction(0)
+    for powers, coefficient in polynomial.terms:
+        term = abs(coefficient)
+        for (a, b), exponent in zip(box, powers, strict=True):
+            term *= Fraction(max(abs(a), abs(b))) ** exponent
+        size += term
+    middle = tuple(a + 0.5 * (b - a) for a, b in box)
+    ends = (tuple(a for a, _ in part) for part in _ends(polynomial, box))
+    points = {middle, *ends, tuple(a for a, _ in box), tuple(b for _, b in box)}
+    largest = max(abs(polynomial.at([Fraction(x) for x in point], Fraction)) for point in points)
+    return float(size / largest) if largest else float("inf") if size else 1.0
+
+
 def zero_inside(polynomial: ParameterPolynomial, box: Box) -> Point | None:
     """A point where it is 0, or of another sign than in the middle; None: it has one sign in the box and no zero.
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from fractions import Fraction
 
 from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.scalars import NotANumberError, parse_number
@@ -42,9 +43,9 @@ class ExpressionError(ValueError):
 
 @dataclass(frozen=True)
 class Number:
-    """A number; `at` and `end` are offsets of a part's text."""
+    """A number, the decimal as it is written; `at` and `end` are offsets of a part's text."""
 
-    value: float
+    value: Fraction
     at: int
     end: int
 
@@ -190,9 +191,11 @@ class _Parser:
         token = self._take()
         if token.kind == "number":
             try:
-                return Number(parse_number(token.text), token.at, token.at + len(token.text))
+                parse_number(token.text)
             except NotANumberError as reason:
                 raise ExpressionError(token.at, str(reason)) from None
+            # rounded here, 0.1 + 0.2 - 0.3 would not be 0
+            return Number(Fraction(token.text), token.at, token.at + len(token.text))
         if token.kind == "name":
             if self._is("("):
                 raise ExpressionError(token.at, f"{quoted(token.text)} is no function; {_ALLOWED}")

@@ -13,6 +13,7 @@ from fopi_tune.core.parametric.polynomials import ParameterPolynomial
 from fopi_tune.core.parametric.ranges import (
     Point,
     UndecidedError,
+    cancellation,
     common_zero_inside,
     is_computable,
     negative_inside,
@@ -25,6 +26,9 @@ from fopi_tune.spec.parametric.expressions import NAME_PATTERN
 from fopi_tune.spec.parametric.rational import Rational, cleared, product
 from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.problems import key_path
+
+#: eight of floating point's sixteen digits are left
+_MOST_CANCELLATION = 1e8
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,13 @@ def _checked(
     family = ParametricFamily.of(known, top, bottom, delay)
     if not all(is_computable(each, box) for each in (*family.numerator, *family.denominator)):
         place.refuse("has coefficients that are too large to compute with; measure its parameters in other units")
+        return None
+    worst = max(cancellation(each, box) for each in (*family.numerator, *family.denominator))
+    if worst > _MOST_CANCELLATION:
+        place.refuse(
+            f"has a coefficient whose terms, multiplied out, are {worst:.0e} times as large as it is: floating point "
+            "loses it; measure a parameter from the middle of its range, so that the differences are small numbers"
+        )
         return None
     leading = family.denominator[0]
     if not holds(lambda: zero_inside(leading, box), "the denominator's first coefficient", "its degree must be known"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from fractions import Fraction
 
 import pytest
 from cases.parametric_plants import expression, scraps
@@ -21,7 +22,7 @@ from fopi_tune.spec.parametric.expressions import (
 
 def value(tree: Expression, numbers: dict[str, float]) -> float:
     if isinstance(tree, Number):
-        return tree.value
+        return float(tree.value)
     if isinstance(tree, Name):
         return numbers[tree.name]
     if isinstance(tree, Negative):
@@ -93,3 +94,8 @@ def test_anything_is_an_expression_or_a_mistake_inside_the_text() -> None:
             places.append(wrong.at / max(len(text), 1))
     assert min(places) == 0.0
     assert max(places) <= 1.0
+
+
+def test_a_decimal_is_what_is_written() -> None:
+    assert parse_expression("0.1") == Number(Fraction(1, 10), 0, 3)
+    assert parse_expression("1.25e-2") == Number(Fraction(1, 80), 0, 7)

@@ -132,3 +132,21 @@ def test_drawn_plants_have_distributions_of_parameters_and_of_places() -> None:
     assert jsonschema.Draft202012Validator(json_schema()).is_valid(json.loads(text))
     with pytest.raises(SpecError, match="its uncertain numbers are k, denominator"):
         parse_spec(document(plant, validation={"distributions": {"denominator[1]": noisy}}))
+
+
+def test_decimals_are_added_as_they_are_written() -> None:
+    # in floating point the first factor is 5.6e-17, and the middle coefficient was taken for 1 + 5.5 a
+    family = family_of({"a": (1.0, 2.0)}, [1], [1, "(0.1 + 0.2 - 0.3) * 1e17 * a - a / 10 + 1", 1])
+    assert family.member(np.array([2.0])).denominator == (1.0, 0.8, 1.0)
+
+
+@pytest.mark.parametrize("text", ["(a - 1.5)**32 + 0.1", "(a - 1.5)**24 + 1e-3"])
+def test_differences_that_floating_point_loses_are_refused(text: str) -> None:
+    plant = {"parameters": ranges_of({"a": (1.0, 2.0)}), "model": "transfer_function", "numerator": [1]}
+    (only,) = problems({**plant, "denominator": [1, text, 1]}) or [""]
+    assert "floating point loses it" in only
+
+
+def test_differences_that_it_keeps_are_taken() -> None:
+    family = family_of({"a": (1.0, 2.0)}, [1], [1, "(a - 1.5)**4 + 0.1", 1])
+    assert family.member(np.array([2.0])).denominator[1] == pytest.approx(0.1625, rel=1e-12)
