@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fopi_tune.core.controller import FoPi, FoPid, Pid
     from fopi_tune.core.margins import Margins, margins
-    from fopi_tune.core.measurement_filter import MeasurementFilter
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
+    from fopi_tune.core.terms.measurement_filter import MeasurementFilter
     from fopi_tune.errors import CertificateError, DomainError, FopiError, SpecError
     from fopi_tune.identification import Identified, identify
     from fopi_tune.optimum import Optimum, OptimumRecheck, OptimumStatus
@@ -59,7 +59,7 @@ _PUBLIC = {
     "FopiError": "fopi_tune.errors",
     "Identified": "fopi_tune.identification",
     "Margins": "fopi_tune.core.margins",
-    "MeasurementFilter": "fopi_tune.core.measurement_filter",
+    "MeasurementFilter": "fopi_tune.core.terms.measurement_filter",
     "Optimum": "fopi_tune.optimum",
     "OptimumRecheck": "fopi_tune.optimum",
     "OptimumStatus": "fopi_tune.optimum",

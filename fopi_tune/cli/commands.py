@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import math
 import sys
 from typing import TYPE_CHECKING, Annotated
 
@@ -120,8 +119,8 @@ def tune(
         bool,
         typer.Option("--certify-optimum", help="Prove how far the gains can be from the best; or that none exist."),
     ] = False,
-    gap: Annotated[float, typer.Option(help="Relative gap that --certify-optimum is to reach.")] = _GAP,
-    time_limit: Annotated[float, typer.Option(metavar="SECONDS", help="When --certify-optimum stops.")] = _TIME_LIMIT_S,
+    gap: Annotated[float, number_option(help="Relative gap that --certify-optimum is to reach.")] = _GAP,
+    time_limit: Annotated[float, number_option(metavar="SECONDS", help="When it stops all the same.")] = _TIME_LIMIT_S,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
@@ -136,7 +135,7 @@ def tune(
         raise bad_input(problem)
     if not certify_optimum and (gap != _GAP or time_limit != _TIME_LIMIT_S):
         raise bad_input("--gap and --time-limit belong to --certify-optimum")
-    if certify_optimum and not (0.0 < gap < math.inf and 0.0 < time_limit < math.inf):
+    if certify_optimum and not (gap > 0.0 and time_limit > 0.0):
         raise bad_input("--gap and --time-limit must be greater than 0")
     if certify_optimum and tradeoff is not None:
         raise bad_input("--certify-optimum is about one design and --tradeoff about many; give one of them")
@@ -208,7 +207,7 @@ def prove(
     kd: Kd = None,
     mu: Mu = None,
     tolerance: Annotated[
-        float, typer.Option(help="How far a requirement may be missed, neper or radian; a delay margin's is relative.")
+        float, number_option(help="How far a requirement may be missed, neper or radian; a delay margin's is relative.")
     ] = TOLERANCE,
     recheck: Annotated[
         str | None,

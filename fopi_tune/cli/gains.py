@@ -23,8 +23,8 @@ def number_option(*names: str, help: str, metavar: str = "FLOAT") -> Any:
     return typer.Option(*names, parser=_number, help=help, metavar=metavar)
 
 
-def _number(text: str) -> float:
-    """An option's number, written as in specs.
+def _number(text: str | float) -> float:
+    """An option's number, written as in specs; a default is one already.
 
     Raises:
         BadParameter: it is none, or cannot be computed with.
@@ -32,7 +32,7 @@ def _number(text: str) -> float:
     from fopi_tune.spec.yaml.scalars import NotANumberError, parse_number  # --version reads no specs
 
     try:
-        return parse_number(text.strip())
+        return text if isinstance(text, float) else parse_number(text.strip())
     except NotANumberError as error:
         raise typer.BadParameter(str(error)) from None
 

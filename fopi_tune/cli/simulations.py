@@ -41,13 +41,17 @@ class SimulationOptions:
 
 def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
     """Plant parameters of --plant NAME=VALUE as a mapping."""
+    from fopi_tune.spec.yaml.scalars import NotANumberError, parse_number  # --version reads no specs
+
     numbers: dict[str, float] = {}
     for pair in pairs:
-        name, _, value = pair.partition("=")
+        name, equals, value = pair.partition("=")
+        if not equals:
+            raise bad_input(f"--plant {pair} is not NAME=VALUE, as in --plant time_constant_s=3.1")
         try:
-            numbers[name] = float(value)
-        except ValueError:
-            raise bad_input(f"--plant {pair} is not NAME=VALUE, as in --plant time_constant_s=3.1") from None
+            numbers[name] = parse_number(value.strip())
+        except NotANumberError as error:
+            raise bad_input(f"--plant {name}: {error}") from None
     return numbers
 
 

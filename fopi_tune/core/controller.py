@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, NamedTuple
 
-from fopi_tune.core.measurement_filter import (
+from fopi_tune.core.terms.measurement_filter import (
     MeasurementFilter,
     check_finite,
     filter_not_available,
@@ -85,8 +85,9 @@ class FoPi:
 
     def _terms(self, points: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """C(s)/F(s)."""
-        integral = self.ki * points**-self.alpha if self.ki != 0.0 else 0.0 * points
-        return self.kp + integral
+        import numpy as np  # the command line reads gains before it needs arrays
+
+        return self.kp + (self.ki * points**-self.alpha if self.ki != 0.0 else np.zeros_like(points))
 
 
 @dataclass(frozen=True, repr=False)

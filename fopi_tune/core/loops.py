@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, BodeForm, Complex, Derivatives, Rows, contiguous_rows
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, contiguous_rows
 from fopi_tune.core.controller import FoPi, derivative_of
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.plant import Plant, PlantFamily
 from fopi_tune.core.roots import leading_coefficients, polynomial_at, polynomial_roots, times
+from fopi_tune.core.terms.derivatives import Derivatives
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 
 #: relative; frequencies this close to Nyquist's count as equal to it: tan(omega Ts/2) has no accurate digits there
 _NYQUIST_ROUNDING = 1e-12

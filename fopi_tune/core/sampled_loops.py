@@ -30,9 +30,9 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.roots import leading_coefficients, polynomial_at
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.core.zero_order_hold import behind_hold
 from fopi_tune.errors import DomainError
 

@@ -20,7 +20,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi, FoPid, Pid, derivative_of
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Sections
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital.realise import Precision
 from fopi_tune.errors import DomainError
 

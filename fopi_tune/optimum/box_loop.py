@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from flint import arb
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import Dual, PlantEnclosure

@@ -9,9 +9,9 @@ from functools import cached_property
 from flint import acb, arb
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.pruning.conditions import Condition, Conditions, conditions_of, degrees, nominal_equality

@@ -41,7 +41,7 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
     if gains.measurement_filter != spec.controller.measurement_filter:
         raise DomainError(
             f"the gains have measurement_filter {gains.measurement_filter}, and the spec's controller "
-            f"{spec.controller.measurement_filter}"
+            f"{spec.controller.measurement_filter}; give gains with that one"
         )
     if not spec.controller.has_structure_of(gains):
         raise DomainError(

@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import Any, TypeVar
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME, FoPi, controller_of
-from fopi_tune.core.measurement_filter import FILTER_NAMES
+from fopi_tune.core.terms.measurement_filter import FILTER_NAMES
 from fopi_tune.errors import CertificateError
 
 #: relative; by how much a number may differ from the one derived again, which another machine rounds otherwise

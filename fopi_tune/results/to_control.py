@@ -9,10 +9,10 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi, Pid, refuse_derivative_order_in
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.core.plant import Plant, PlantFamily
 from fopi_tune.core.sampled_loops import SampledPlants
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital.oustaloup import ZeroPoleGain, oustaloup
 from fopi_tune.errors import DomainError
 from fopi_tune.results.modal_form import ModalForm, in_series

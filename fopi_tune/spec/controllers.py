@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, DERIVATIVE_NAMES, IMPROPER, MU_MAX, ORDER_NAME
-from fopi_tune.core.measurement_filter import FILTER_ORDERS, MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import FILTER_ORDERS, MeasurementFilter
 from fopi_tune.spec.model import ControllerSpec, GainRange
 from fopi_tune.spec.yaml.advice import Advised, range_advice
 from fopi_tune.spec.yaml.nodes import Place, ScalarNode, kind_of

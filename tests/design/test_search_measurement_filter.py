@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fopi_tune as ft
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.proof import verify
 from fopi_tune.spec.load import parse_spec
 from fopi_tune.spec.model import DesignSpec

@@ -12,7 +12,7 @@ from scipy.signal import bilinear, cont2discrete
 
 import fopi_tune as ft
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital.implementation import designed_implementation, runtime_of
 from fopi_tune.simulation.sampled.simulate import simulate
 from fopi_tune.simulation.scenario import Actuator, Mode, Scenario, Signals

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import itertools
 import random
-import shutil
-import subprocess
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import pytest
+from cases.c_export import SANITIZE, replayed, with_each_compiler
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital import Export, discretize, export_c
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
@@ -22,21 +21,11 @@ from fopi_tune.spec.model import DigitalSpec
 
 discretized = cache(discretize)
 TS = 0.1
-FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"]
-FLAGS += ["-ffp-contract=off"]
-SANITIZE = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 FILTERS = [MeasurementFilter(1, 0.3), MeasurementFilter(2, 0.3)]
 PID, FOPID = Pid(2.0, 1.0, 0.8, 0.15), FoPid(2.0, 1.0, 1.2, 0.8, 0.6, 0.15)
 #: every structure, with and without integral and sections
 GAINS = [PID, FoPi(0.4, 0.4, 0.8), FoPi(1.5, 0.0, 1.0), FOPID, FoPi(0.5, 0.3, 1.0), Pid(2.0, 0.0, 0.8, 0.15)]
 LIMITS = [((-1.0, 0.8), 2.0), (None, None), ((-1.0, 0.8), None)]
-compiled = pytest.mark.parametrize(
-    "compiler",
-    [
-        pytest.param(c, marks=pytest.mark.skipif(not shutil.which(c), reason=f"{c} is not found"))
-        for c in ("gcc", "clang")
-    ],
-)
 
 
 def export(gains: FoPi, used: MeasurementFilter, b: float, limits: tuple[float, float] | None = None) -> Export:
@@ -44,22 +33,7 @@ def export(gains: FoPi, used: MeasurementFilter, b: float, limits: tuple[float, 
     return replace(Export("lag", "", "0" * 64, "fopi-tune 0", controller, limits=limits), setpoint_weight=b)
 
 
-def replayed(files: dict[str, str], folder: Path, compiler: str, *flags: str) -> None:
-    folder.mkdir()
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="ascii")
-    sources = [name for name in sorted(files) if name.endswith(".c")]
-    built = subprocess.run(
-        [compiler, *FLAGS, *flags, "-o", "replay", *sources], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert built.returncode == 0, built.stderr
-    done = subprocess.run(
-        [folder / "replay", "test_vectors.csv"], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@compiled
+@with_each_compiler
 @pytest.mark.parametrize("every", [17, pytest.param(1, marks=pytest.mark.long)])
 def test_the_vectors_of_every_structure_with_a_filter_are_met_bit_for_bit(
     tmp_path: Path, compiler: str, every: int
@@ -67,10 +41,11 @@ def test_the_vectors_of_every_structure_with_a_filter_are_met_bit_for_bit(
     for place, (gains, used, b, (limits, rate)) in enumerate(itertools.product(GAINS, FILTERS, (1.0, 0.5), LIMITS)):
         if place % every == 0:  # a compiler takes half a second for each
             made = replace(export(gains, used, b, limits), rate_per_s=rate)
-            replayed(export_c(made), tmp_path / str(place), compiler)
+            done = replayed(export_c(made), tmp_path / str(place), compiler)
+            assert done.returncode == 0, done.stdout + done.stderr
 
 
-@compiled
+@with_each_compiler
 @pytest.mark.parametrize("used", FILTERS, ids=["first", "second"])
 @pytest.mark.parametrize(
     ("gains", "count"),
@@ -97,15 +72,18 @@ def test_thousands_of_operations_behind_a_filter_are_the_runtime_bit_for_bit(
         if draw.random() < 0.1:
             rows.append(Operation(Op.RESET, output=draw.choice((0.0, 0.5, *NOT_FINITE))))
     table = vector_table(double, single, [in_float32(row) for row in rows[:count]])
-    replayed(export_c(made) | {"test_vectors.csv": table}, tmp_path / "long", compiler, "-O2")
+    done = replayed(export_c(made) | {"test_vectors.csv": table}, tmp_path / "long", compiler, "-O2")
+    assert done.returncode == 0, done.stdout + done.stderr
     outputs = [float.fromhex(line.split(",")[4]) for line in table.splitlines()[1:]]
     assert sum(output in (-1.0, 0.8) for output in outputs) > count // 100, "limits are reached"
 
 
-@compiled
+@with_each_compiler
 def test_no_operation_behind_a_filter_is_undefined(tmp_path: Path, compiler: str) -> None:
     for place, (gains, used) in enumerate(zip((PID, GAINS[1]), FILTERS, strict=True)):
-        replayed(export_c(export(gains, used, 0.5, (-1.0, 0.8))), tmp_path / str(place), compiler, *SANITIZE)
+        made = export(gains, used, 0.5, (-1.0, 0.8))
+        done = replayed(export_c(made), tmp_path / str(place), compiler, *SANITIZE)
+        assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_header_says_the_filter_and_how_far_it_is_from_the_ideal() -> None:

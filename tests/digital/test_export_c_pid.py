@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 import random
-import shutil
-import subprocess
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import pytest
+from cases.c_export import SANITIZE, replayed, with_each_compiler
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.digital import Export, discretize, export_c
@@ -33,9 +32,6 @@ from fopi_tune.spec.model import DigitalSpec
 discretized = cache(discretize)
 
 TS = 0.1
-FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"]
-FLAGS += ["-ffp-contract=off"]
-SANITIZE = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 PID = Pid(2.0, 1.0, 0.8, 0.15)
 #: sections of either sign in both groups
 FOPID = FoPid(2.0, 1.0, 1.2, 0.8, 0.6, 0.15)
@@ -44,13 +40,6 @@ GAINS = [PID, Pid(2.0, 0.0, 0.8, 0.15), Pid(0.0, 1.0, 0.3, 0.05), Pid(2.0, 1.0, 
 GAINS += [FoPi(1.5, 0.0, 1.0), Pid(-1.0, -0.5, 0.4, 0.3)]
 GAINS += [FOPID, FoPid(2.0, 0.0, 0.8, 0.8, 0.3, 0.15), FoPid(0.0, 1.0, 0.7, -0.3, 0.9, 0.05)]
 LIMITS = [(None, None), ((-1.0, 0.8), None), ((-1.0, 0.8), 2.0)]
-with_each_compiler = pytest.mark.parametrize(
-    "compiler",
-    [
-        pytest.param(c, marks=pytest.mark.skipif(not shutil.which(c), reason=f"{c} is not found"))
-        for c in ("gcc", "clang")
-    ],
-)
 
 
 def export(gains: FoPi, b: float, limits: tuple[float, float] | None, rate: float | None) -> Export:
@@ -61,19 +50,6 @@ def export(gains: FoPi, b: float, limits: tuple[float, float] | None, rate: floa
 def runtimes(made: Export) -> list[Runtime]:
     sections = made.controller.sections
     return [Runtime.of(sections, each, made.limits, made.rate_per_s, made.setpoint_weight) for each in Precision]
-
-
-def replayed(files: dict[str, str], folder: Path, compiler: str, *flags: str) -> subprocess.CompletedProcess[str]:
-    folder.mkdir()
-    for name, text in files.items():
-        (folder / name).write_text(text, encoding="ascii")
-    sources = [name for name in sorted(files) if name.endswith(".c")]
-    built = subprocess.run(
-        [compiler, *FLAGS, *flags, "-o", "replay", *sources], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert built.returncode == 0, built.stderr
-    program = [folder / "replay", "test_vectors.csv"]
-    return subprocess.run(program, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def long_run(runtime: Runtime, count: int) -> list[Operation]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital import Export, discretize, export_c
 from fopi_tune.digital.implementation import step_cost
 from fopi_tune.digital.realise import Precision

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import bilinear, lfilter
 
 from fopi_tune.core.controller import FoPi, Pid
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital import discretize, sections_of
 from fopi_tune.digital.coefficients import SampledFilter
 from fopi_tune.digital.discretize import FILTER_TERM, to_document

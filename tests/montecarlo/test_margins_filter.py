@@ -9,9 +9,9 @@ import pytest
 
 from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import SampledLoops
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital import sections_of
 from fopi_tune.montecarlo.margins import MarginScan
 from fopi_tune.quantities import QUANTITIES

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import fopi_tune as ft
-from fopi_tune.core.bode_form import Derivatives
 from fopi_tune.core.controller import derivative_of
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.stability import is_stable
+from fopi_tune.core.terms.derivatives import Derivatives
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum import OptimumStatus, certify_optimum, to_document
 from fopi_tune.pipeline.optimum import recheck_optimum
 from fopi_tune.spec.load import parse_spec

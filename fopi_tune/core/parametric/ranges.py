@@ -177,7 +177,10 @@ def zero_inside(polynomial: ParameterPolynomial, box: Box) -> Point | None:
     Raises:
         UndecidedError: a zero was neither found nor excluded.
     """
-    sign = 1 if _value(polynomial, tuple(a + 0.5 * (b - a) for a, b in box)) > 0 else -1
+    middle = tuple(a + 0.5 * (b - a) for a, b in box)
+    if not (value := _value(polynomial, middle)):
+        return middle
+    sign = 1 if value > 0 else -1
     return _Question(
         (polynomial,),
         lambda ranges: ranges[0][0] > 0 or ranges[0][1] < 0,

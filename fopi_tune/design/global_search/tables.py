@@ -14,11 +14,11 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.roots import times
 from fopi_tune.core.sampled_loops import SampledPlants
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import END, NO_SAMPLES, Family, Sampling, Table
 from fopi_tune.design.global_search.samples import Samples, plant_of

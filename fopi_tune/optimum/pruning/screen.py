@@ -17,11 +17,12 @@ import numpy as np
 from flint import acb, arb
 from numpy.typing import NDArray
 
-from fopi_tune.core.bode_form import Array, Complex, Derivatives
+from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.peaks import Response
+from fopi_tune.core.terms.derivatives import Derivatives
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem

@@ -10,7 +10,7 @@ from typing import Any
 from rich.text import Text
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.results.equalities import shown_score

@@ -20,7 +20,6 @@ from fopi_tune.spec.parametric.expressions import (
     Negative,
     Number,
     Operation,
-    names_in,
     parse_expression,
 )
 from fopi_tune.spec.parametric.rational import Rational
@@ -59,11 +58,6 @@ class Written:
         """Whether it could be read."""
         return self.tree is not None or self.number is not None
 
-    @property
-    def names(self) -> set[str]:
-        """The parameters that it uses, or may use where it could not be read."""
-        return names_in(self.place.node.text) if isinstance(self.place.node, ScalarNode) else set()
-
     def text(self, part: Expression) -> str:
         """A part of it as it is written."""
         assert isinstance(self.place.node, ScalarNode)
@@ -73,7 +67,7 @@ class Written:
 def refuse_at(place: Place, offset: int, message: str) -> None:
     """Report a problem of one character of a scalar."""
     mark = place.mark
-    if isinstance(place.node, ScalarNode):
+    if isinstance(place.node, ScalarNode) and place.node.is_verbatim:
         mark = Mark(mark.line, mark.column + offset + (0 if place.node.plain else 1))
     place.collector.add(mark, place.path, message)
 

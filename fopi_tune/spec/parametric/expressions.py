@@ -12,7 +12,7 @@ Nothing else is an expression, and nothing of it is ever run as a program.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from fopi_tune.spec.yaml.problems import quoted
@@ -70,22 +70,19 @@ class Negative:
 
 @dataclass(frozen=True)
 class Operation:
-    """left SIGN right; `sign_at` is the offset of the sign."""
+    """left SIGN right; `sign_at` is the offset of the sign, `at` and `end` hold its parentheses."""
 
     sign: str
     left: Expression
     right: Expression
     sign_at: int
+    at: int
+    end: int
 
-    @property
-    def at(self) -> int:
-        """Where it begins."""
-        return self.left.at
-
-    @property
-    def end(self) -> int:
-        """Where it ends."""
-        return self.right.end
+    @classmethod
+    def of(cls, sign: str, left: Expression, right: Expression, sign_at: int) -> Operation:
+        """Without parentheses."""
+        return cls(sign, left, right, sign_at, left.at, right.end)
 
 
 Expression = Number | Name | Negative | Operation
@@ -161,14 +158,14 @@ class _Parser:
         left = self.product(depth)
         while self._is("+", "-"):
             sign = self._take()
-            left = Operation(sign.text, left, self.product(depth), sign.at)
+            left = Operation.of(sign.text, left, self.product(depth), sign.at)
         return left
 
     def product(self, depth: int) -> Expression:
         left = self.signed(depth)
         while self._is("*", "/"):
             sign = self._take()
-            left = Operation(sign.text, left, self.signed(depth), sign.at)
+            left = Operation.of(sign.text, left, self.signed(depth), sign.at)
         return left
 
     def signed(self, depth: int) -> Expression:
@@ -185,7 +182,7 @@ class _Parser:
         if not self._is("**"):
             return base
         sign = self._take()
-        return Operation("**", base, self.signed(depth + 1), sign.at)
+        return Operation.of("**", base, self.signed(depth + 1), sign.at)
 
     def atom(self, depth: int) -> Expression:
         token = self._take()
@@ -204,8 +201,8 @@ class _Parser:
             inner = self.sum(depth + 1)
             if not self._is(")"):
                 self._refuse(f"the parenthesis of column {token.at + 1} of the expression is not closed")
-            self._take()
-            return inner
+            end = self._take().at + 1
+            return replace(inner, at=token.at, end=end) if isinstance(inner, Operation | Negative) else inner
         self.place -= 1
         return self._refuse("a number or a parameter is missing")
 

@@ -22,9 +22,9 @@ from fopi_tune.core.parametric.ranges import (
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.parametric.coefficients import Resolver, Written
-from fopi_tune.spec.parametric.expressions import NAME_PATTERN
+from fopi_tune.spec.parametric.expressions import NAME_PATTERN, names_in
 from fopi_tune.spec.parametric.rational import Rational, cleared, product
-from fopi_tune.spec.yaml.nodes import MappingNode, Place
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.problems import key_path
 
 #: eight of floating point's sixteen digits are left
@@ -58,7 +58,9 @@ class ParametricPlant:
 
     def refuse_unused(self) -> None:
         """Report parameters that no expression uses."""
-        used = set[str]().union(*(each.names for each in self.written.values()))
+        assert isinstance(self.place.node, MappingNode)
+        elsewhere = [node for key, (_, node) in self.place.node.entries.items() if key not in ("parameters", "model")]
+        used = set[str]().union(*(_names_below(node) for node in elsewhere))
         for name in self.parameters:
             if name not in used and re.fullmatch(NAME_PATTERN, name):
                 place = self.place.child("parameters")
@@ -90,6 +92,22 @@ def _entries(path: str, value: Any) -> Iterator[tuple[str, Written]]:
             yield from _entries(f"{path}[{index}]", each)
 
 
+def _is_whole(value: Any) -> bool:
+    """Whether nothing in it could not be read."""
+    if isinstance(value, Mapping):
+        return all(_is_whole(each) for each in value.values())
+    return all(_is_whole(each) for each in value) if isinstance(value, list) else value is not None
+
+
+def _names_below(node: Node) -> set[str]:
+    """The parameters that are used there, or may be where it could not be read."""
+    if isinstance(node, ScalarNode):
+        return names_in(node.text)
+    below = [each for _, each in node.entries.values()] if isinstance(node, MappingNode) else []
+    below += node.nodes if isinstance(node, SequenceNode) else []
+    return set[str]().union(*(_names_below(each) for each in below))
+
+
 def family_of(
     place: Place,
     values: Mapping[str, Any],
@@ -116,7 +134,7 @@ def family_of(
     for path in positive:
         if path in read and not _is_positive(read[path], resolver):
             plant.written[path].place.refuse("must be greater than 0 in all of the parameters' ranges")
-    if len(place.collector.problems) > before or None in values.values() or len(read) < len(rationals):
+    if len(place.collector.problems) > before or not _is_whole(values) or len(read) < len(rationals):
         return None
     try:
         top, bottom = cleared(*sides(read))

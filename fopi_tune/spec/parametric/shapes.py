@@ -112,11 +112,16 @@ class Polynomial(Shape):
         nodes = place.node.nodes if isinstance(place.node, SequenceNode) else ()
         if not any(isinstance(node, SequenceNode) for node in nodes):
             return self._plain.read(place)
+        if all(isinstance(node, SequenceNode) for node in nodes):
+            return self._factors.read(place)
         for index, node in enumerate(nodes):
-            if not isinstance(node, SequenceNode):
-                place.item(index).refuse(f"{kind_of(node)} is written where a factor belongs; write [{_as_text(node)}]")
-                return None
-        return self._factors.read(place)
+            item = place.item(index)
+            if isinstance(node, SequenceNode):
+                self._plain.read(item)
+                continue
+            item.refuse(f"{kind_of(node)} is written where a factor belongs; write [{_as_text(node)}]")
+            self.coefficient.read(item)
+        return None
 
     @property
     def _plain(self) -> ListOf:

@@ -145,7 +145,10 @@ class _Composer:
         if event.tag is not None:
             self.collector.add(mark, path, "tags (!name) are not allowed; remove it")
         if isinstance(event, ScalarEvent):
-            return ScalarNode(mark, event.value, plain=not event.style)
+            # escapes, doubled quotes and further lines make the text shorter or longer than what is written
+            written = event.end_mark.index - event.start_mark.index - (2 if event.style else 0)
+            verbatim = event.end_mark.line == event.start_mark.line and written == len(event.value)
+            return ScalarNode(mark, event.value, plain=not event.style, is_verbatim=verbatim)
         if isinstance(event, SequenceStartEvent):
             return SequenceNode(mark, tuple(self.items(path, depth)))
         return MappingNode(mark, self.entries(path, depth))

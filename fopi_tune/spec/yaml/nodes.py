@@ -13,11 +13,12 @@ from fopi_tune.spec.yaml.scalars import is_empty
 
 @dataclass(frozen=True)
 class ScalarNode:
-    """A word or number as written; `plain` means without quotes."""
+    """A word or number as written; `plain` means without quotes, `is_verbatim` that each character has its column."""
 
     mark: Mark
     text: str
     plain: bool
+    is_verbatim: bool = True
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,11 @@ def test_a_sum_of_squares_needs_a_split_and_is_decided() -> None:
     assert zero_inside(polynomial, BOX) is None
 
 
+def test_a_zero_in_the_middle_is_the_point_that_is_named() -> None:
+    centred = ParameterPolynomial.parameter(1, 0)
+    assert zero_inside(centred, box_of([-1.0], [1.0])) == (0.0,)
+
+
 def test_a_zero_between_doubles_is_left_open() -> None:
     # X^2 = 2 without a change of sign
     polynomial = (X * X - ParameterPolynomial.constant(2, 2.0)).power(2)

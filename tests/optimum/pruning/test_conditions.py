@@ -12,7 +12,7 @@ from cases.optimum_cases import FAMILIES, OBJECTIVES, just_met
 from flint import arb, ctx
 
 from fopi_tune.core.controller import FoPi, Pid, numbers_of
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.combinations import linear_bound_of

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases.traces import assert_demands_of_the_runtime, assert_equal_but_for_rounding
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.measurement_filter import MeasurementFilter
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
-from fopi_tune.digital.vectors import Op, Operation, replay
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
@@ -51,14 +51,9 @@ def test_the_kernel_with_a_filter_is_the_runtime_bit_for_bit(gains: FoPi, used: 
         traces = simulate([mode], scenario)
         held = discretize_plants(lags(5), TS, actuator.delay_samples)
         plain = simulate_reference([controller], [held], scenario)
-        for name in ("output", "measured", "error", "demanded", "applied"):
-            one, two = getattr(traces, name), getattr(plain, name)
-            np.testing.assert_allclose(one, two, rtol=ROUNDING, atol=ROUNDING, err_msg=name)
+        assert_equal_but_for_rounding(traces, plain, ROUNDING)
         if not start.bumpless:
-            for row in range(5):
-                steps = zip(LEVELS.tolist(), traces.measured[row].tolist(), strict=True)
-                own = replay(controller, [Operation(Op.STEP, r, y) for r, y in steps])
-                assert own.tobytes() == traces.demanded[row].tobytes()
+            assert_demands_of_the_runtime(traces, controller, LEVELS)
 
 
 @pytest.mark.long
@@ -67,9 +62,7 @@ def test_a_hundred_thousand_samples_with_a_filter_are_the_runtime_bit_for_bit(us
     levels = np.repeat(np.random.default_rng(8).uniform(-2.0, 3.0, 500), 200)
     controller = made(GAINS[0], used, 0.5)
     traces = simulate([Mode(controller, lags(1))], Scenario(TS, Signals(levels), Sensor(0.02, 0.01, 5)))
-    steps = zip(levels.tolist(), traces.measured[0].tolist(), strict=True)
-    own = replay(controller, [Operation(Op.STEP, r, y) for r, y in steps])
-    assert own.tobytes() == traces.demanded[0].tobytes()
+    assert_demands_of_the_runtime(traces, controller, levels)
 
 
 @pytest.mark.parametrize("used", FILTERS, ids=["first", "second"])
@@ -78,8 +71,7 @@ def test_an_overflow_behind_a_filter_is_held_with_all_states(used: MeasurementFi
     controller = made(GAINS[0], used)
     traces = simulate([Mode(controller, unstable)], Scenario(TS, Signals(np.full(6000, 5.0))))
     assert not np.isfinite(traces.output).all()
-    steps = [Operation(Op.STEP, 5.0, float(y)) for y in traces.measured[0]]
-    assert replay(controller, steps).tobytes() == traces.demanded[0].tobytes()
+    assert_demands_of_the_runtime(traces, controller, np.full(6000, 5.0))
 
 
 @pytest.mark.parametrize("used", FILTERS, ids=["first", "second"])

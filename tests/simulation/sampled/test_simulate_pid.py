@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from cases.traces import assert_demands_of_the_runtime, assert_equal_but_for_rounding
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.loops import Plants
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, init, step
-from fopi_tune.digital.vectors import Op, Operation, replay
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
@@ -97,14 +97,9 @@ def test_the_kernel_is_the_runtime_bit_for_bit(gains: FoPi, b: float) -> None:
     ):
         scenario = Scenario(TS, Signals(LEVELS), sensor, actuator, start)
         traces, plain = simulate([mode], scenario), plainly(mode, scenario)
-        for name in ("output", "measured", "error", "demanded", "applied"):
-            one, two = getattr(traces, name), getattr(plain, name)
-            np.testing.assert_allclose(one, two, rtol=ROUNDING, atol=ROUNDING, err_msg=name)
+        assert_equal_but_for_rounding(traces, plain, ROUNDING)
         if not start.bumpless:
-            for row in range(5):
-                steps = zip(LEVELS.tolist(), traces.measured[row].tolist(), strict=True)
-                own = replay(controller, [Operation(Op.STEP, r, y) for r, y in steps])
-                assert own.tobytes() == traces.demanded[row].tobytes()
+            assert_demands_of_the_runtime(traces, controller, LEVELS)
         # limits and rate are reached, so that the anti-windup is compared too
         assert gains.ki == 0.0 or np.mean(np.abs(np.diff(traces.demanded, axis=1)) > 0.999 * TS * RATE) > 0.01
         assert 0.0 in (gains.kp, gains.ki) or np.mean(traces.demanded == -0.8) > 0.01
@@ -116,9 +111,7 @@ def test_a_hundred_thousand_samples_are_the_runtime_bit_for_bit(gains: FoPid) ->
     controller, levels = made(gains, 0.5, (-0.8, 2.5), RATE), np.random.default_rng(8).uniform(-2.0, 3.0, 500)
     scenario = Scenario(TS, Signals(np.repeat(levels, 200)), Sensor(0.02, 0.01, 5))
     traces = simulate([Mode(controller, lags(1))], scenario)
-    steps = zip(np.repeat(levels, 200).tolist(), traces.measured[0].tolist(), strict=True)
-    own = replay(controller, [Operation(Op.STEP, r, y) for r, y in steps])
-    assert own.tobytes() == traces.demanded[0].tobytes()
+    assert_demands_of_the_runtime(traces, controller, np.repeat(levels, 200))
 
 
 @pytest.mark.parametrize("gains", [PID, FOPID], ids=["pid", "fopid"])
@@ -129,8 +122,7 @@ def test_an_output_that_overflows_is_held_with_all_states(gains: FoPid, b: float
     scenario = Scenario(TS, Signals(np.full(6000, 5.0)))
     traces = simulate([Mode(controller, unstable)], scenario)
     assert not np.isfinite(traces.output).all()
-    steps = [Operation(Op.STEP, 5.0, float(y)) for y in traces.measured[0]]
-    assert replay(controller, steps).tobytes() == traces.demanded[0].tobytes()
+    assert_demands_of_the_runtime(traces, controller, np.full(6000, 5.0))
 
 
 @pytest.mark.parametrize("gains", [Pid(2e101, 1e101, 1e101, 0.15), FoPid(2e101, 1e101, 0.8, 1e101, 0.6, 0.15)], ids=str)
@@ -138,10 +130,7 @@ def test_an_output_that_overflows_is_held_with_all_states(gains: FoPid, b: float
 def test_coefficients_so_large_that_every_number_is_checked_change_no_bit(gains: FoPid, b: float) -> None:
     controller = made(gains, b, (-1.0, 1.0))
     traces = simulate([Mode(controller, lags(3))], Scenario(TS, Signals(LEVELS), Sensor(0.1, 0.0, 2)))
-    for row in range(3):
-        steps = zip(LEVELS.tolist(), traces.measured[row].tolist(), strict=True)
-        own = replay(controller, [Operation(Op.STEP, r, y) for r, y in steps])
-        assert own.tobytes() == traces.demanded[row].tobytes()
+    assert_demands_of_the_runtime(traces, controller, LEVELS)
 
 
 def test_a_step_of_the_setpoint_is_no_kick_of_the_derivative() -> None:

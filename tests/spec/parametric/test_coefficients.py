@@ -104,9 +104,9 @@ def test_all_mistakes_of_a_plant_are_found_in_one_run_each_at_its_place() -> Non
         (18, 7, "denominator[5]"),
         (19, 9, "denominator[6]"),
         (20, 8, "denominator[7]"),
-        (21, 12, "denominator[8]"),
+        (21, 11, "denominator[8]"),
         (22, 12, "denominator[9]"),
-        (23, 8, "denominator[10]"),
+        (23, 7, "denominator[10]"),
         (24, 8, "denominator[11]"),
         (25, 7, "denominator[12]"),
         (26, 7, "denominator[13]"),
@@ -115,11 +115,63 @@ def test_all_mistakes_of_a_plant_are_found_in_one_run_each_at_its_place() -> Non
     ]
 
 
+OTHER_MISTAKES = """schema: 1
+name: bad
+plant:
+  parameters: {k: 2, z: {min: 0.1, max: 0.3}, w: 5, t: 1}
+  model: zeros_poles
+  gain: k
+  zeros: [{damping: z, natural_frequency_rad_s: [w]}]
+  poles: [-t, {damping: q, natural_frequency: 3}]
+requirements:
+  - phase_margin_deg: {at_least: 60}
+"""
+MIXED_FACTORS = """schema: 1
+name: bad
+plant:
+  parameters: {k: 2, a: {min: 1, max: 2}}
+  model: transfer_function
+  numerator: [k]
+  denominator: [[1, a + q], a ** 0.5 +, [1, 2 ~ 3]]
+requirements:
+  - phase_margin_deg: {at_least: 60}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [
+        (OTHER_MISTAKES, [(7, 49, "frequency_rad_s"), (8, 25, "damping"), (8, 28, "frequency")]),
+        (MIXED_FACTORS, [(7, 29, "denominator[1]"), (7, 39, "denominator[1]"), (7, 47, "denominator[2][1]")]),
+    ],
+)
+def test_what_cannot_be_read_hides_no_other_mistake(text: str, places: list[tuple[int, int, str]]) -> None:
+    with pytest.raises(SpecError) as caught:
+        parse_spec(text)
+    found = [(each.line, each.column, each.path) for each in caught.value.problems]
+    assert [(line, column) for line, column, _ in found] == [(line, column) for line, column, _ in places], found
+    assert all(path.endswith(end) for (_, _, path), (_, _, end) in zip(found, places, strict=True)), found
+
+
+@pytest.mark.parametrize(
+    ("written", "column"),
+    [("k + q", 19), ("'k + q'", 20), ('"k + q"', 20), ('"k \\u002B q"', 15), ("'k +\n    q'", 15)],
+)
+def test_a_column_is_told_where_each_character_has_its_own(written: str, column: int) -> None:
+    text = MIXED_FACTORS.replace("numerator: [k]", f"numerator: [{written}]").replace(
+        "[[1, a + q], a ** 0.5 +, [1, 2 ~ 3]]", "[1, a]"
+    )
+    with pytest.raises(SpecError) as caught:
+        parse_spec(text)
+    (problem,) = caught.value.problems
+    assert (problem.line, problem.column) == (6, column)
+
+
 @pytest.mark.parametrize(
     ("coefficient", "words"),
     [
         ("a + kk", "'kk' is no parameter of this plant"),
-        ("k / (a - b)", "divides by 'a - b', which is 0, or changes its sign, with a = "),
+        ("k / (a - b)", "divides by '(a - b)', which is 0, or changes its sign, with a = "),
         ("1 / (a*a - 2*a*b + b*b + 1e-30)", "which may be 0"),
         ("k / 0", "divides by '0', which is 0"),
         ("a ** (b + 1)", "must be a whole number from -32 to 32"),

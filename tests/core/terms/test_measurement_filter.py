@@ -13,12 +13,12 @@ from scipy.signal import bilinear
 from fopi_tune.core.controller import ControllerSpec, FoPi, FoPid, GainRange, Pid, controller_of, numbers_of
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins
-from fopi_tune.core.measurement_filter import FILTER_NAMES, MeasurementFilter, filter_of
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response, extremes, log_response_at
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
+from fopi_tune.core.terms.measurement_filter import FILTER_NAMES, MeasurementFilter, filter_of
 from fopi_tune.errors import DomainError
 
 FILTERS = [MeasurementFilter(1, 0.3), MeasurementFilter(2, 0.3)]
