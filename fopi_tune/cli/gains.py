@@ -32,7 +32,7 @@ def _number(text: str | float) -> float:
     from fopi_tune.spec.yaml.scalars import NotANumberError, parse_number  # --version reads no specs
 
     try:
-        return text if isinstance(text, float) else parse_number(text.strip())
+        return parse_number(text.strip()) if isinstance(text, str) else text
     except NotANumberError as error:
         raise typer.BadParameter(str(error)) from None
 

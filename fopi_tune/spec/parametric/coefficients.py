@@ -53,11 +53,6 @@ class Written:
             refuse_at(place, wrong.at, str(wrong))
             return cls(place)
 
-    @property
-    def is_read(self) -> bool:
-        """Whether it could be read."""
-        return self.tree is not None or self.number is not None
-
     def text(self, part: Expression) -> str:
         """A part of it as it is written."""
         assert isinstance(self.place.node, ScalarNode)
