@@ -172,7 +172,24 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
     # a basin about a local optimum that is known has nothing else
     known = None if best is None or not best.settled else best.x
     new = [basin for basin in scan.basins if known is None or _is_far(polish.problem, basin.gains, known)]
-    return _with_derivative(polish, polish_basins(polish, new, best))
+    best = polish_basins(polish, new, best) or _along_valley(polish, new)
+    return _with_derivative(polish, best)
+
+
+def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
+    """The best gains on the way from gains that meet everything, next to basins from which the polish found none.
+
+    Two equalities leave a narrow valley, whose end may be where a crossing appears at once: from beyond it a step for
+    the objective and the equalities together leads away.
+    """
+    problem, best = polish.problem, None
+    question = Polish(problem.missing(frozenset(range(len(problem.spec.requirements))), frozenset()), polish.counts)
+    for basin in basins:
+        near = question.run(basin.gains)
+        found = polish.walk(near.x) if near is not None and near.cost <= MEETS else None
+        if found is not None and (best is None or found.cost < best.cost) and _is_stable(problem, found):
+            best = found
+    return best
 
 
 def _with_derivative(polish: Polish, best: Polished | None) -> Polished | None:

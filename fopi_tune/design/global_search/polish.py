@@ -270,6 +270,14 @@ class Polish:
             x, found, t = solved.x, after, self._t_of(cost)
         return known
 
+    def walk(self, x: Array) -> Polished | None:
+        """Better gains in short steps from some that meet everything; None where these do not."""
+        found = self.look(x)
+        if found is None or self.violation(found) > MEETS:
+            return None
+        cost = self.cost(found, x)
+        return self._walked(Polished(cost, x, np.full(self.real_rows, np.nan)), found, self._t_of(cost))
+
     def _violated(self, x: Array, findings: list[Array]) -> list[Array]:
         """Those of older findings that are violated at gains where their peaks or crossings are now."""
         kept = []
