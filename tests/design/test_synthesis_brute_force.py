@@ -134,7 +134,7 @@ def test_the_stored_references_of_closed_form_specs_are_what_a_scan_of_alpha_fin
 @pytest.mark.long
 @pytest.mark.parametrize("name", REFERENCES)
 def test_brute_force_finds_nothing_better_than_a_stored_reference(name: str) -> None:
-    best = brute_force(named(name))
+    best = brute_force(named(name), scan=600)
     assert best.feasible
     assert no_worse(REFERENCES[name], best.objective)
 
@@ -142,7 +142,9 @@ def test_brute_force_finds_nothing_better_than_a_stored_reference(name: str) -> 
 @pytest.mark.long
 @pytest.mark.parametrize("case", INFEASIBLE, ids=lambda case: case.name)
 def test_brute_force_finds_no_gains_for_an_infeasible_spec(case: Case) -> None:
-    assert brute_force(ft.parse_spec(case.text)).violation > 1e-3  # neper or radian; no case is that close to feasible
+    assert (
+        brute_force(ft.parse_spec(case.text), scan=600).violation > 1e-3
+    )  # neper or radian; no case is that close to feasible
 
 
 def named(name: str) -> ft.DesignSpec:

@@ -220,7 +220,8 @@ def test_the_smallest_slack_of_every_row_is_the_verifications(name: str, digital
         worst, requirement = own[np.argmin(own[:, 1])], result.requirement
         quantity = QUANTITIES[requirement.quantity]
         # rows are designed 4e-7 tighter; a slope is a difference quotient in the search
-        room = 1e-5 if "slope" in requirement.quantity else 1e-6
+        # and where a delay goes into the next sample the worst plant is at a kink of the gain margin
+        room = 1e-5 if "slope" in requirement.quantity or name == "linked" else 1e-6
         assert worst[1] <= result.slack + room, requirement.quantity
         # the verification may stop at a vertex beside a worse plant: there core/ has the same value
         largest = bool(np.isfinite(requirement.upper))
