@@ -75,6 +75,10 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
         scale = scale_of(model.objective, least)
         sizes = sizes_of(modeller, model.gains)
         if fresh:
+            # worst cases of the loop may have been learnt since
+            here = modeller.at(model.gains, learn=False)
+            if here is not None:
+                model = replace(here, loop_violation=model.loop_violation)
             first = solve_step(model, hessian, sizes, radius, low, high, scale, penalty)
             if first is None:
                 break
@@ -164,17 +168,14 @@ def _hessian(modeller: Modeller, model: Model, step: Step, sizes: Array, scale: 
     """Second derivatives of the Lagrangian by d/sizes, made positive semidefinite; shape (3, 3)."""
     low, high = modeller.problem.box
     x, found = gains_array(model.gains), np.zeros((3, 3))
-    here = modeller.at(model.gains, learn=False)
-    if here is None:
-        return found
-    gradient = lagrangian_slope(here, step, scale)
+    gradient = lagrangian_slope(model, step, scale)
     for j in range(3):
         if low[j] == high[j]:
             continue
         move = np.zeros(3)
         move[j] = _DIFFERENCE * sizes[j] * (1.0 if x[j] + _DIFFERENCE * sizes[j] <= high[j] else -1.0)
         there = modeller.at(FoPi(*(x + move)), learn=False)
-        if there is None or len(there.values) != len(here.values):
+        if there is None or there.shape != model.shape:
             return np.zeros((3, 3))
         found[j] = (lagrangian_slope(there, step, scale) - gradient) / move[j]
     found = 0.5 * (found + found.T) * np.outer(sizes, sizes)

@@ -65,6 +65,11 @@ class Model:
     loop_violation: float
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """How many rows, aims and terms of each sum there are: those near the largest are, at other gains others."""
+        return len(self.values), len(self.aims), *(len(each.errors) for each in self.sums)
+
+    @property
     def objective(self) -> float:
         """What is minimised; -inf where nothing is."""
         of_sums = [each.value for each in self.sums if each.row < 0]
