@@ -73,7 +73,8 @@ CLASHES = {
     "brake": (with_requirement("brake_step", "{iae: {at_most: 100}, scenario: step}"), {2, 3}, {3: 119.357}),
     # 36.58, with the objective's own words as a limit
     "throttle": (with_requirement("throttle", "iae: {at_most: 35}", objective=True), {4}, {4: 36.58}),
-    "delay": (with_requirement("brake_delay", "iae: {at_most: 1.3}"), {0, 1, 3}, {3: 1.3661}),
+    # on samples, as scenarios are driven; the sensitivity alone allows 1.3213
+    "delay": (with_requirement("brake_delay", "iae: {at_most: 1.3}"), {1, 3}, {}),
     "overshoot": (with_requirement("lgd", "{iae: {at_most: 1.6}, scenario: load}"), None, {6: 1.69417}),
 }
 
