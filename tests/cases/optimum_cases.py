@@ -73,6 +73,8 @@ def just_met(
     found = verify(spec_of(family, *chosen, objective=objective), gains)
     if not found.stability.stable or found.objective is None or found.nominal.phase_margin_deg is None:
         return None
+    if equalities and found.nominal.crossover_rad_s is None:
+        return None  # no margin at a crossover to be equal to
     limits: list[Requirement] = []
     for result in found.requirements:
         if result.achieved is None:
