@@ -28,6 +28,7 @@ class SimulationOptions:
         samples, seed: what that draw was made with, in place of the file's.
         exact: in continuous time.
         accuracy: of that, in the output's unit; None as it is.
+        member: name of the plant of a list; None for the first.
     """
 
     scenario: str | None
@@ -37,6 +38,7 @@ class SimulationOptions:
     seed: int | None
     exact: bool
     accuracy: float | None = None
+    member: str | None = None
 
 
 def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
@@ -90,8 +92,11 @@ def simulate_file(file: str, given: GivenGains, selection: SimulationOptions, op
             "accuracy": selection.accuracy,
         }
         if isinstance(loaded, SystemSpec):
+            if selection.member is not None:
+                raise DomainError("--member names a plant of a spec's list; a system has none")
             refuse_system_simulation(loaded, **arguments)
             return simulate_system(loaded, gains_of_modes(loaded, given, options), **arguments)
+        arguments["member"] = selection.member
         refuse_simulation(loaded, **arguments)
         found = given_or_tuned_gains(loaded, given, options)
         return found if not isinstance(found, FoPi) else simulate(loaded, found, **arguments)
