@@ -116,7 +116,10 @@ def test_two_corner_boxes_cost_no_more_than_the_family_that_holds_both() -> None
     # relative; what the polish leaves
     assert corners <= every * (1.0 + 1e-6)
     # each corner box alone costs no more than both
-    assert all((tune(replace(spec, plant=each), False, bracket=False).objective or 0.0) <= corners * (1.0 + 1e-6) for each in parts)
+    assert all(
+        (tune(replace(spec, plant=each), False, bracket=False).objective or 0.0) <= corners * (1.0 + 1e-6)
+        for each in parts
+    )
 
 
 @pytest.mark.parametrize("seed", thinned(range(6), 6))

@@ -87,7 +87,7 @@ class Members:
 
     @cached_property
     def named(self) -> tuple[Member, ...]:
-        """The nominal plant, then the worst ones of the requirements."""
+        """The nominal plant, then the worst ones of the requirements; of a list also other members' nominal plants."""
         family = self.documents.spec.plant
         nominal = tuple(family.nominal_point.tolist())
         listed = named_place(family, family.nominal_point)
@@ -96,6 +96,11 @@ class Members:
             point = _worst_point(family, found)
             if point is not None and point not in (member.point for member in members):
                 members.append(Member(f"worst: {_point_label(family, point)}", point))
+        if isinstance(family, PlantList):
+            for k, each in enumerate(family.members):
+                point = tuple(family.place(k, each.family.nominal_point[None, :])[0].tolist())
+                if point not in (member.point for member in members):
+                    members.append(Member(each.name, point))
         return tuple(members[: 1 + _MOST_WORST])
 
     def loops_at(self, points: Array) -> Loops:
