@@ -10,6 +10,7 @@ from typing import Any
 from fopi_tune.core.plant import PLANT_MODELS, PlantModel
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
+from fopi_tune.spec.lists.parameters import PARAMETERS, shared_parameters_shape, with_shared_parameters
 from fopi_tune.spec.lists.plants import plants_shape, refuse_both_words, refuse_for_lists
 from fopi_tune.spec.model import DesignSpec, GainRange, Sense
 from fopi_tune.spec.plants import plant_shape
@@ -57,6 +58,7 @@ def _shape_with(_: tuple[PlantModel, ...]) -> Record:
         "description": Key(Text("one sentence for people"), required=False),
         "plant": Key(plant_shape(), required=False),
         "plants": Key(plants_shape(), required=False),
+        PARAMETERS: Key(shared_parameters_shape(), required=False),
         "controller": Key(controller_shape(), required=False),
         "requirements": Key(requirements_shape(), required=False),
         "objective": Key(objective_shape(), required=False),
@@ -69,6 +71,7 @@ def _shape_with(_: tuple[PlantModel, ...]) -> Record:
     rules = {
         "anyOf": [{"required": ["objective"]}, something_to_do],
         "oneOf": [{"required": ["plant"]}, {"required": ["plants"]}],
+        "dependentRequired": {PARAMETERS: ["plants"]},
     }
     return Record("a design problem for fopi-tune", keys, lambda values, place: values, _START, rules=rules)
 
@@ -119,7 +122,9 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
 
 def _read_sections(shape: Record, place: Place) -> Values | None:
     """The sections' values, a list of plants in place of a plant; None where there is no mapping."""
+    place = with_shared_parameters(place)
     both, keys = refuse_both_words(place), dict(shape.keys)
+    del keys[PARAMETERS]
     if place.has("plant") and not place.has("plants"):
         del keys["plants"]
     elif place.has("plants") and not place.has("plant"):

@@ -11,7 +11,7 @@ from cases.plant_lists import MISMATCH, mismatch, mixed
 from cases.thinned import thinned
 
 from fopi_tune.core.families.plant_list import PlantList, PlantMember, members_of
-from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.optimum import certify_optimum
 from fopi_tune.pipeline.prove import recheck
@@ -25,23 +25,24 @@ from fopi_tune.spec.model import DesignSpec
 OMEGA = np.geomspace(1e-3, 1e2, 3001)
 
 
+def response(plant: Plant, s: np.ndarray) -> np.ndarray:
+    """P(s)."""
+    return np.polyval(plant.numerator, s) / np.polyval(plant.denominator, s) * np.exp(-s * plant.dead_time_s)
+
+
 def scanned(spec: DesignSpec, kp: float, ki: float, horizon_s: float) -> tuple[float, float, float]:
     """Largest |S| in dB, smallest nominal margin in deg and largest discounted error of a PI, by formulas on a grid."""
     s, peak, margin, error = 1j * OMEGA, 0.0, math.inf, 0.0
     for k, member in enumerate(members_of(spec.plant)):
         plant = member.family.member(member.family.nominal_point)
 
-        def response(at: np.ndarray) -> np.ndarray:
-            return np.polyval(plant.numerator, at) / np.polyval(plant.denominator, at) * np.exp(-at * plant.dead_time_s)
-
-        loop = (kp + ki / s) * response(s)
+        loop = (kp + ki / s) * response(plant, s)
         peak = max(peak, float(np.abs(1.0 / (1.0 + loop)).max()))
         if k == 0:
             crosses = np.flatnonzero((np.abs(loop[1:]) > 1.0) != (np.abs(loop[:-1]) > 1.0))
             angles = 180.0 - np.abs(np.degrees(np.angle(loop[crosses])))
             margin = float(angles.min(initial=math.inf))
-        real = np.array([1.0 / horizon_s])
-        p = response(real)[0]
+        p = response(plant, np.array([1.0 / horizon_s]))[0]
         error = max(error, abs(horizon_s * p / (1.0 + (kp + ki * horizon_s) * p)))
     return 20.0 * math.log10(peak), margin, float(error)
 

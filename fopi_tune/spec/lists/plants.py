@@ -53,7 +53,11 @@ class PlantsShape(Shape):
         )
 
     def json_schema(self) -> JsonSchema:
-        return self.entries.json_schema()
+        """Every number may be an expression in shared parameters, so that a plant needs none of its own."""
+        schema = self.entries.json_schema()
+        models = [each for each in schema["items"]["oneOf"] if "parameters" in each["properties"]]
+        optional = [each | {"required": [key for key in each["required"] if key != "parameters"]} for each in models]
+        return schema | {"items": schema["items"] | {"oneOf": optional}}
 
 
 def plants_shape() -> PlantsShape:
