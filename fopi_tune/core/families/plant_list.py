@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.plant import Assembled, Plant, PlantFamily, Uncertain
+from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 
 #: what stands for the model
@@ -48,6 +48,8 @@ class PlantList(PlantFamily):
     """Every plant of every member.  The nominal plant is that of the first one.
 
     Args:
+        model: stands for the models of the members.
+        parameters: none: each member has its own.
         members: at least one, in the order of the spec.
     """
 
@@ -56,6 +58,9 @@ class PlantList(PlantFamily):
     @classmethod
     def of(cls, members: Sequence[PlantMember]) -> PlantList:
         """The list.
+
+        Args:
+            members: in the order of the spec.
 
         Raises:
             DomainError: there is no member, or two of them have the same name.
@@ -76,7 +81,12 @@ class PlantList(PlantFamily):
         return self.members[0].family
 
     def place(self, index: int, points: Array) -> Array:
-        """Places in the list of points of a member's box, shape (m, p) to (m, width)."""
+        """Places in the list, shape (m, width).
+
+        Args:
+            index: of the member, from 0.
+            points: of its box, shape (m, p), in its numbers' units.
+        """
         found = np.zeros((len(points), self.width))
         found[:, 0] = index
         found[:, 1 : 1 + points.shape[1]] = points
@@ -90,15 +100,22 @@ class PlantList(PlantFamily):
                 yield index, rows, self.point(index, places[rows])
 
     def point(self, index: int, places: Array) -> Array:
-        """Points of a member's box, shape (m, p), from places in the list that are that member's."""
+        """Points of a member's box, shape (m, p), in its numbers' units.
+
+        Args:
+            index: of the member, from 0.
+            places: in the list, all of them that member's, shape (m, width).
+        """
         return np.ascontiguousarray(places[:, 1 : 1 + len(self.members[index].family.uncertain_names)])
 
     @property
     def has_one_plant(self) -> bool:
+        """Whether there is only one member, and of this only one possible plant."""
         return len(self.members) == 1 and self.first.has_one_plant
 
     @property
     def nominal_point(self) -> Array:
+        """The first member's nominal plant as a place in the list, shape (width,)."""
         return self.place(0, self.first.nominal_point[None, :])[0]
 
     @property
@@ -109,17 +126,32 @@ class PlantList(PlantFamily):
 
     @property
     def is_strictly_proper(self) -> bool:
+        """Whether every member's plants are."""
         return all(member.family.is_strictly_proper for member in self.members)
 
     @property
     def is_affine_in_each_number(self) -> bool:
+        """Whether every member's coefficients are."""
         return all(member.family.is_affine_in_each_number for member in self.members)
 
     def corners(self, most: int = 64) -> Array:
-        """The corners of every member's box, each member's nominal plant before its own; shape (m, width)."""
+        """The corners of every member's box, each member's nominal plant before its own; shape (m, width).
+
+        Args:
+            most: corners of a box; of one with more only two.
+        """
         return np.vstack([self.place(k, each.family.corners(most)) for k, each in enumerate(self.members)])
 
     def coefficients(self, points: Array) -> tuple[Array, Array, Array]:
+        """Coefficients at places in the list, shape (m, width).
+
+        Args:
+            points: the places, shape (m, width).
+
+        Returns:
+            numerators (m, a), denominators (m, b) in descending powers of s, those of lower degree with zeros at the
+            beginning, and dead times (m,) in s.
+        """
         parts = [(rows, self.members[k].family.coefficients(own)) for k, rows, own in self.parts(points)]
         numerator, denominator = (
             _stacked(len(points), [(rows, found[side]) for rows, found in parts]) for side in (0, 1)
@@ -130,15 +162,17 @@ class PlantList(PlantFamily):
         return numerator, denominator, dead_time
 
     def member(self, point: Array) -> Plant:
+        """The plant at a place, `point` of shape (width,)."""
         index, own = self._split(point)
         return self.members[index].family.member(own)
 
     def describe(self, point: Array) -> dict[str, float]:
+        """The uncertain numbers of the plant at a place, `point` of shape (width,), by name."""
         index, own = self._split(point)
         return self.members[index].family.describe(own)
 
     def name_at(self, point: Array) -> str:
-        """The name of the member at a place."""
+        """The name of the member at a place, `point` of shape (width,)."""
         return self.members[self._split(point)[0]].name
 
     def _split(self, point: Array) -> tuple[int, Array]:
@@ -147,29 +181,51 @@ class PlantList(PlantFamily):
         return index, found[1 : 1 + len(self.members[index].family.uncertain_names)]
 
     def refused(self, points: Array) -> NDArray[np.bool_]:
+        """Which places, `points` of shape (m, width), are no plants of their members; shape (m,)."""
         found = np.zeros(len(points), dtype=bool)
         for index, rows, own in self.parts(points):
             found[rows] = self.members[index].family.refused(own)
         return found
 
     def why_refused(self, point: Array) -> str | None:
+        """Why a place, `point` of shape (width,), is refused; None where it is not."""
         index, own = self._split(point)
         why = self.members[index].family.why_refused(own)
         return None if why is None else f"{self.members[index].name}: {why}"
 
     @property
-    def uncertain_names(self) -> tuple[str, ...]:
-        return self._no_box()
+    def uncertain_names(self) -> NoReturn:
+        """Refused: each member has its own.
+
+        Raises:
+            DomainError: always.
+        """
+        self._no_box()
 
     @property
-    def dead_time_axis(self) -> int | None:
-        return self._no_box()
+    def dead_time_axis(self) -> NoReturn:
+        """Refused: each member has its own.
 
-    def problem(self, name: str, value: Uncertain) -> str | None:
-        return self._no_box()
+        Raises:
+            DomainError: always.
+        """
+        self._no_box()
 
-    def assemble(self, values: Any, number: Callable[[Fraction], Any] = float) -> Assembled:
-        return self._no_box()
+    def problem(self, name: str, value: Uncertain) -> NoReturn:
+        """Refused: `name` and `value`, in any unit, are of no member.
+
+        Raises:
+            DomainError: always.
+        """
+        self._no_box()
+
+    def assemble(self, values: Any, number: Callable[[Fraction], Any] = float) -> NoReturn:
+        """Refused: `values`, in any unit, and what makes a `number` of them are of no member.
+
+        Raises:
+            DomainError: always.
+        """
+        self._no_box()
 
     def _no_box(self) -> NoReturn:
         raise DomainError(
