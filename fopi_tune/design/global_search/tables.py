@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
-from fopi_tune.core.families.plant_list import PlantList
+from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parametric.family import ParametricFamily
@@ -79,8 +79,8 @@ class Scaled:
             DomainError: a numerator or a denominator of more than degree 8, or a filter that cannot be searched.
         """
         if isinstance(family, PlantList):
-            parts = tuple(cls.of(member.family, scale, samples) for member in family.members)
-            return cls(family, scale, parts[0].plants, samples, parts)
+            parts = [cls._of_member(member, scale, samples) for member in family.members]
+            return cls(family, scale, parts[0].plants, samples, tuple(parts))
         low, high = family.low, family.high
         numerator, denominator, _ = family.coefficients(family.nominal_point[None, :])
         filtered = scale.measurement_filter
@@ -105,6 +105,13 @@ class Scaled:
             terms = np.vstack([rows[0] - low @ slopes, slopes])
         half, delay = (0.0, 0.0) if samples is None else (samples.half, float(samples.digital.delay_samples))
         return cls(family, scale, Family(terms, half, delay, powers), samples)
+
+    @classmethod
+    def _of_member(cls, member: PlantMember, scale: Scale, samples: Samples | None) -> Scaled:
+        try:
+            return cls.of(member.family, scale, samples)
+        except DomainError as error:
+            raise DomainError(f"{member.name}: {error}") from None
 
     @property
     def sampling(self) -> Sampling:

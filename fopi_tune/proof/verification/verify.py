@@ -12,6 +12,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.lists import of_members
 from fopi_tune.proof.verification.objectives import evaluate_objective, smallest_slack
@@ -45,8 +46,7 @@ def verify(
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
     if isinstance(spec.plant, PlantList):
-        members = [verify(each, gains, tolerance, implementation) for each in member_specs(spec)]
-        return of_members(spec, spec.plant, members)
+        return of_members(spec, spec.plant, _verified_members(spec, spec.plant, gains, tolerance, implementation))
     loop = frequency_part(spec)
     samples = SamplePair(Sample.of(spec.plant, gains, implementation, spec.reference))
     stability = check_stability(samples.base)
@@ -72,6 +72,19 @@ def verify(
         tolerance=tolerance,
         measures=measures,
     )
+
+
+def _verified_members(
+    spec: DesignSpec, plants: PlantList, gains: FoPi, tolerance: float, implementation: Implementation | None
+) -> list[Verification]:
+    """The verification of each member alone; what cannot be checked names its member."""
+    found = []
+    for own, member in zip(member_specs(spec), plants.members, strict=True):
+        try:
+            found.append(verify(own, gains, tolerance, implementation))
+        except DomainError as error:
+            raise DomainError(f"{member.name}: {error}") from None
+    return found
 
 
 def reassess(spec: DesignSpec, found: Verification) -> Verification:
