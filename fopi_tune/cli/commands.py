@@ -330,13 +330,8 @@ def simulate(
     """
     options = OutputOptions(out, as_json, quiet, debug)
     numbers = parameters_from_options(plant or [])
-    if replay is not None and (numbers or member is not None):
-        raise bad_input("--replay makes a plant again that was drawn; leave --plant and --member out")
-    if replay is None and samples is not None:
-        raise bad_input("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
-    if accuracy is not None and not exact:
-        raise bad_input("--accuracy is of the loop in continuous time; give --exact too, or leave it out")
     selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact, accuracy, member)
+    selection.refuse_contradictions()
     raise typer.Exit(simulate_file(spec, GivenGains(kp, ki, alpha, kd, mu), selection, options))
 
 

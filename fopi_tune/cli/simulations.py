@@ -40,6 +40,22 @@ class SimulationOptions:
     accuracy: float | None = None
     member: str | None = None
 
+    def refuse_contradictions(self) -> None:
+        """Refuse options that belong to others, which are not there.
+
+        Raises:
+            Exit: bad input.
+        """
+        for option, given in (("--plant", bool(self.plant)), ("--member", self.member is not None)):
+            if self.replay is not None and given:
+                raise bad_input(f"--replay makes a plant again that was drawn; leave {option} out")
+        if self.replay is None and self.samples is not None:
+            raise bad_input(
+                "--samples says of which draws --replay makes one again; give --replay, or leave --samples out"
+            )
+        if self.accuracy is not None and not self.exact:
+            raise bad_input("--accuracy is of the loop in continuous time; give --exact too, or leave it out")
+
 
 def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
     """Plant parameters of --plant NAME=VALUE as a mapping."""

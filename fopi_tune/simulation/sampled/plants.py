@@ -170,12 +170,11 @@ def _of_one_degree(top: Array, bottom: Array, sample_time_s: float) -> tuple[Arr
     Plants of several models are simulated together; the states that are added follow the input and reach no output.
     """
     missing = np.argmax(bottom != 0.0, axis=1)
-    least = int(missing.min(initial=len(bottom)))
-    if not missing.any():
+    if not missing.any() or missing.all():
         return top, bottom
-    bottom = bottom[:, least:].copy()
-    top = np.hstack([np.zeros((len(top), bottom.shape[1])), top])[:, -bottom.shape[1] :]
-    for power in range(least, int(missing.max())):
+    bottom = bottom.copy()
+    top = np.hstack([np.zeros((len(top), bottom.shape[1] - top.shape[1])), top])
+    for power in range(int(missing.max())):
         rows = missing > power
         for side in (top, bottom):
             # the first coefficient of these rows is 0

@@ -45,11 +45,7 @@ def test_a_plant_answers_as_it_does_alone_whatever_degree_others_have() -> None:
         assert together.static_gain[row] == alone.static_gain[0]
 
 
-def test_plants_that_are_all_of_a_lower_degree_are_cut_to_it() -> None:
-    lower = batch().take(np.array([1, 2]))
-    assert discretize_plants(lower, TS).order == 1
-
-
-def test_a_plant_without_a_denominator_is_refused() -> None:
-    with pytest.raises(DomainError):
-        discretize_plants(Plants(np.ones((1, 1)), np.zeros((1, 2)), np.zeros(1)), TS)
+def test_leading_zeros_of_all_plants_are_refused_as_they_are_of_one() -> None:
+    for rows in ([1], [1, 2]):
+        with pytest.raises(DomainError, match="leave leading zeros out"):
+            discretize_plants(batch().take(np.array(rows)), TS)
