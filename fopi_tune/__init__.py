@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fopi_tune.core.controller import FoPi, FoPid, Pid
+    from fopi_tune.core.families.plant_list import PlantList, PlantMember
     from fopi_tune.core.margins import Margins, margins
     from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
     from fopi_tune.core.terms.measurement_filter import MeasurementFilter
@@ -66,6 +67,8 @@ _PUBLIC = {
     "Pid": "fopi_tune.core.controller",
     "Plant": "fopi_tune.core.plant",
     "PlantFamily": "fopi_tune.core.plant",
+    "PlantList": "fopi_tune.core.families.plant_list",
+    "PlantMember": "fopi_tune.core.families.plant_list",
     "ProvedSystem": "fopi_tune.results.proved_system",
     "Recheck": "fopi_tune.proof",
     "Run": "fopi_tune.results.design",
@@ -130,6 +133,8 @@ __all__ = [
     "Pid",
     "Plant",
     "PlantFamily",
+    "PlantList",
+    "PlantMember",
     "ProvedSystem",
     "Recheck",
     "Run",

@@ -203,7 +203,9 @@ def _fill(app: Sphinx, page: str, text: list[str]) -> None:
     def tables(found: re.Match[str]) -> str:
         which = found[1]
         # a system's scenarios, limits and validation are a spec's
-        return markdown(language(which), () if which == "spec" else language("spec")["properties"])
+        return markdown(
+            language(which), ("plants", "parameters") if which == "spec" else language("spec")["properties"]
+        )
 
     text[0] = _PLACE.sub(tables, text[0])
 

@@ -302,6 +302,9 @@ def simulate(
     plant: Annotated[
         list[str] | None, typer.Option(metavar="NAME=VALUE", help="An uncertain number; nominal where left out.")
     ] = None,
+    member: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of a list of plants; the first if left out.")
+    ] = None,
     replay: Annotated[int | None, typer.Option(metavar="INDEX", help="A plant that `fopi validate` drew.")] = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="The loop in continuous time instead, without filter and samples.")
@@ -326,13 +329,8 @@ def simulate(
     """
     options = OutputOptions(out, as_json, quiet, debug)
     numbers = parameters_from_options(plant or [])
-    if replay is not None and numbers:
-        raise bad_input("--replay makes a plant again that was drawn; leave --plant out")
-    if replay is None and samples is not None:
-        raise bad_input("--samples says of which draws --replay makes one again; give --replay, or leave --samples out")
-    if accuracy is not None and not exact:
-        raise bad_input("--accuracy is of the loop in continuous time; give --exact too, or leave it out")
-    selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact, accuracy)
+    selection = SimulationOptions(scenario, numbers, replay, samples, seed, exact, accuracy, member)
+    selection.refuse_contradictions()
     raise typer.Exit(simulate_file(spec, GivenGains(kp, ki, alpha, kd, mu), selection, options))
 
 

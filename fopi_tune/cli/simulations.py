@@ -28,6 +28,7 @@ class SimulationOptions:
         samples, seed: what that draw was made with, in place of the file's.
         exact: in continuous time.
         accuracy: of that, in the output's unit; None as it is.
+        member: name of the plant of a list; None for the first.
     """
 
     scenario: str | None
@@ -37,6 +38,23 @@ class SimulationOptions:
     seed: int | None
     exact: bool
     accuracy: float | None = None
+    member: str | None = None
+
+    def refuse_contradictions(self) -> None:
+        """Refuse options that belong to others, which are not there.
+
+        Raises:
+            Exit: bad input.
+        """
+        for option, given in (("--plant", bool(self.plant)), ("--member", self.member is not None)):
+            if self.replay is not None and given:
+                raise bad_input(f"--replay makes a plant again that was drawn; leave {option} out")
+        if self.replay is None and self.samples is not None:
+            raise bad_input(
+                "--samples says of which draws --replay makes one again; give --replay, or leave --samples out"
+            )
+        if self.accuracy is not None and not self.exact:
+            raise bad_input("--accuracy is of the loop in continuous time; give --exact too, or leave it out")
 
 
 def parameters_from_options(pairs: Sequence[str]) -> dict[str, float]:
@@ -94,8 +112,11 @@ def simulate_file(file: str, given: GivenGains, selection: SimulationOptions, op
             "accuracy": selection.accuracy,
         }
         if isinstance(loaded, SystemSpec):
+            if selection.member is not None:
+                raise DomainError("--member names a plant of a spec's list; a system has none")
             refuse_system_simulation(loaded, **arguments)
             return simulate_system(loaded, gains_of_modes(loaded, given, options), **arguments)
+        arguments["member"] = selection.member
         refuse_simulation(loaded, **arguments)
         found = given_or_tuned_gains(loaded, given, options)
         return found if not isinstance(found, FoPi) else simulate(loaded, found, **arguments)

@@ -127,6 +127,10 @@ def tune_files(
             if options != TuneOptions(False, None, None, None, None) or certified is not None or not proof:
                 raise DomainError("a system is designed by simulation and checked; leave the other options out")
             return tune_system(loaded)
+        if certified is not None:
+            from fopi_tune.spec.lists.members import refuse_list
+
+            refuse_list(loaded, "the proof of the optimum")
         found = design_or_sweep(loaded, options, proof)
         if certified is not None and isinstance(found, Design):
             return with_optimum(found, *certified, output)

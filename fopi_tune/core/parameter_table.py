@@ -6,13 +6,14 @@ import csv
 import io
 import math
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 
@@ -117,11 +118,15 @@ def not_uncertain(name: str, family: PlantFamily) -> str:
 
 def outside_box(points: Array, family: PlantFamily) -> Marks:
     """Which points lie outside the family's box, shape (m,); a certificate does not cover them."""
+    if isinstance(family, PlantList):
+        return _by_member(points, family, outside_box)
     return np.any((points < family.low) | (points > family.high), axis=1)
 
 
 def impossible(points: Array, family: PlantFamily) -> Marks:
     """Which points are no valid plants of the model (a zero time constant or gain, a negative delay), shape (m,)."""
+    if isinstance(family, PlantList):
+        return _by_member(points, family, impossible)
     refused = family.refused(points)
     for column, name in enumerate(family.uncertain_names):
         values = points[:, column]
@@ -146,10 +151,21 @@ def impossible(points: Array, family: PlantFamily) -> Marks:
 
 def why_impossible(point: Array, family: PlantFamily) -> str | None:
     """Why one point, shape (p,), is no valid plant, or None."""
+    if isinstance(family, PlantList):
+        ((index, _, own),) = family.parts(point[None, :])
+        return why_impossible(own[0], family.members[index].family)
     for name, value in zip(family.uncertain_names, point.tolist(), strict=True):
         if (wrong := family.problem(name, Uncertain.exactly(value))) is not None:
             return f"{name} = {value!r} {wrong}"
     return family.why_refused(point)
+
+
+def _by_member(places: Array, family: PlantList, test: Callable[[Array, PlantFamily], Marks]) -> Marks:
+    """A test of points of each member's box at places in a list, shape (m,)."""
+    found = np.zeros(len(places), dtype=bool)
+    for index, rows, own in family.parts(places):
+        found[rows] = test(own, family.members[index].family)
+    return found
 
 
 def _hull(low: float, high: float) -> Uncertain:

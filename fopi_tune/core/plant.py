@@ -187,6 +187,11 @@ class PlantFamily:
         """The nominal plant as a point of the box, shape (p,)."""
         return np.array([self.parameters[n].nominal for n in self.uncertain_names], dtype=float)
 
+    @property
+    def has_one_plant(self) -> bool:
+        """Whether every number is exact: there is only one possible plant."""
+        return not self.uncertain_names
+
     def problem(self, name: str, value: Uncertain) -> str | None:
         """An error message for a range of the number called `name` in this model, or None."""
         return PLANT_MODELS[self.model].check(name, value)

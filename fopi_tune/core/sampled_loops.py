@@ -99,7 +99,10 @@ class SampledPlants(Plants):
         """Whether Q and R share a root on the unit circle, shape (m,): a hidden mode that no controller moves."""
         poles, zeros = self.poles[:, :, None], self.zeros[:, None, :]
         on_circle = np.isfinite(poles) & (np.abs(np.abs(1.0 + poles) - 1.0) <= _AXIS_TOLERANCE * np.abs(poles))
-        return np.asarray((on_circle & (np.abs(zeros - poles) <= _AXIS_TOLERANCE * np.abs(poles))).any(axis=(1, 2)))
+        # roots that a lower degree than others' does not have are infinite
+        both = on_circle & np.isfinite(zeros)
+        poles, zeros = np.where(both, poles, 0.0), np.where(both, zeros, 0.0)
+        return np.asarray((both & (np.abs(zeros - poles) <= _AXIS_TOLERANCE * np.abs(poles))).any(axis=(1, 2)))
 
     def at(self, rows: Rows, u: Array) -> Complex:
         """P at nu = e^u; rows and u of shape (n,)."""

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import Crossings, gain_crossovers
+from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import PlantFamily
 
@@ -114,6 +115,9 @@ def largest_steady_state_error(family: PlantFamily, gains: FoPi) -> float:
         family: the plants.
         gains: the controller.
     """
+
+    if isinstance(family, PlantList):
+        return max(largest_steady_state_error(member.family, gains) for member in family.members)
 
     def errors(points: Array) -> Array:
         return steady_state_errors(Loops.of(gains, Plants.members(family, points)))

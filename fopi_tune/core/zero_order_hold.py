@@ -39,13 +39,21 @@ def behind_hold(numerator: Array, denominator: Array, sample_time_s: float, part
 
     Args:
         numerator: shape (m, a), descending powers of s.
-        denominator: shape (m, n + 1).
+        denominator: shape (m, n + 1); where the first coefficients are 0 the plant is of a lower degree.
         sample_time_s: Ts.
         part: f, shape (m,), the fractional part of their delay in samples, 0 <= f < 1.
 
     Returns:
-        Shape (m, n + 1) each; R's first column is 1.
+        Shape (m, n + 1) each; R's first coefficient other than 0 is 1.
     """
+    first = np.argmax(denominator != 0.0, axis=1)
+    if first.any():
+        q, r = np.zeros(denominator.shape), np.zeros(denominator.shape)
+        for start in np.unique(first).tolist():
+            rows, width = np.flatnonzero(first == start), denominator.shape[1] - start
+            top = numerator[rows][:, max(numerator.shape[1] - width, 0) :]
+            q[rows, start:], r[rows, start:] = behind_hold(top, denominator[rows, start:], sample_time_s, part[rows])
+        return q, r
     a, c, direct = companion(numerator, denominator, sample_time_s)
     m, n = c.shape
     if n == 0:

@@ -116,7 +116,7 @@ def _worst(polish: Polish, x: Array, slack: float) -> Array:
     """The worst cases at gains: rows of requirements with less slack, and some of the objective; none when unstable."""
     found = polish.look(x)
     if found is None:
-        return np.zeros((0, FIELDS + len(polish.low)))
+        return np.zeros((0, FIELDS + polish.width))
     found = found[np.argsort(found[:, SLACK])]
     asked = found[:, ROW] < polish.real_rows
     return np.vstack([found[asked & (found[:, SLACK] <= slack)][:_MOST_WORST], found[~asked][:_MOST_OF_OBJECTIVE]])

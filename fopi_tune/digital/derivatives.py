@@ -123,7 +123,7 @@ def _crossover(spec: DesignSpec, gains: FoPi, digital: DigitalSpec) -> tuple[flo
     """The nominal gain crossover on which the filter depends, rad/s, None without; and (2), shape (3,), in rad/s."""
     if not digital.depends_on_crossover or Method(digital.method) is Method.FIT:
         return None, np.zeros(3)
-    loops = Loops.of(gains, Plants.of(spec.plant.member(spec.plant.nominal_point)))
+    loops = Loops.of(gains, Plants.of(spec.nominal_family.member(spec.nominal_family.nominal_point)))
     found = gain_crossovers(loops)
     if not len(found.u) or found.omega_rad_s[-1] >= np.pi / digital.sample_time_s:
         return None, np.zeros(3)

@@ -116,6 +116,6 @@ def digital_section_of(spec: DesignSpec) -> DigitalSpec:
 
 def nominal_crossover(spec: DesignSpec, gains: FoPi) -> float | None:
     """The highest nominal gain crossover of the ideal controller, rad/s; None without one."""
-    plant = Plants.of(spec.plant.member(spec.plant.nominal_point))
+    plant = Plants.of(spec.nominal_family.member(spec.nominal_family.nominal_point))
     found = gain_crossovers(Loops.of(gains, plant)).omega_rad_s
     return float(found[-1]) if len(found) else None

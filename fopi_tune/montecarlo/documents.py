@@ -42,6 +42,7 @@ def system_document(evidence: SystemEvidence) -> dict[str, Any]:
 def _sampling(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
     """How plants were drawn, and how many of them lie outside the family, where no proof applies."""
     validation = evidence.validation
+    members = evidence.members if isinstance(evidence, Evidence) else ()
     return {
         "samples": validation.samples,
         "seed": validation.seed,
@@ -52,6 +53,7 @@ def _sampling(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
         "samples_file": _file(validation),
         "outside_the_family": evidence.outside,
         "no_plants": evidence.no_plants,
+        **({"plants": [{"name": name, "weight": weight} for name, weight in members]} if members else {}),
     }
 
 
@@ -93,6 +95,7 @@ def _worst(worst: WorstPlant) -> dict[str, Any]:
         "value": _finite(worst.value),
         "plant": dict(worst.plant),
         "in_the_family": worst.inside,
+        **({"member": worst.member} if worst.member else {}),
     }
 
 

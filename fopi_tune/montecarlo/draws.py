@@ -17,6 +17,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.distributions import Distribution, Uniform
+from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.parameter_table import ParameterTable, not_uncertain, outside_box
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
@@ -67,11 +68,13 @@ def sample_points(plan: SamplingPlan, family: PlantFamily, first: int, count: in
         count: number of draws; the memory needed is proportional to it.
 
     Returns:
-        Shape (count, p), columns as `family.uncertain_names`.
+        Shape (count, p), columns as `family.uncertain_names`; of a list of plants places in it, shape (count, width).
 
     Raises:
         DomainError: the range of indices is not the design's, or the source does not fit the family.
     """
+    if isinstance(family, PlantList):
+        return _places(plan, family, _whole("first", first), _whole("count", count))
     names = family.uncertain_names
     first, count = _whole("first", first), _whole("count", count)
     if isinstance(plan.source, SampleList):
@@ -93,6 +96,8 @@ def sample_points(plan: SamplingPlan, family: PlantFamily, first: int, count: in
 
 def stays_inside(plan: SamplingPlan, family: PlantFamily) -> bool:
     """Whether no draw can lie outside the family's box."""
+    if isinstance(family, PlantList):
+        return True  # every number is uniform over its range
     if isinstance(plan.source, ParameterTable | SampleList):
         table = plan.source if isinstance(plan.source, ParameterTable) else plan.source.table
         return not outside_box(table.rows[:, table.columns(family)], family).any()
@@ -102,6 +107,30 @@ def stays_inside(plan: SamplingPlan, family: PlantFamily) -> bool:
         if low < number.min or high > number.max:
             return False
     return True
+
+
+def _places(plan: SamplingPlan, family: PlantList, first: int, count: int) -> Array:
+    """Draws from a list of plants, shape (count, width): of a member, as often as its weight says, all plants alike.
+
+    The first number of the cube selects the member, the others its uncertain numbers, uniform over their ranges.  A
+    list of one has no choice: its draws are those of its only family.
+    """
+    if not isinstance(plan.source, Mapping) or plan.source:
+        raise DomainError("plants of a list are drawn uniformly over their ranges; leave distributions and files out")
+    if len(family.members) == 1:
+        return family.place(0, sample_points(plan, family.first, first, count))
+    u = unit_cube_points(plan.design, plan.seed, family.width, first, count, plan.total)
+    ends = np.cumsum([member.weight for member in family.members])
+    chosen = np.minimum(np.searchsorted(ends / ends[-1], u[:, 0], side="right"), len(ends) - 1)
+    found = np.zeros((count, family.width))
+    for index, member in enumerate(family.members):
+        rows = np.flatnonzero(chosen == index)
+        own = [
+            Uniform().values(np.ascontiguousarray(u[rows, 1 + column]), member.family.parameters[name])
+            for column, name in enumerate(member.family.uncertain_names)
+        ]
+        found[rows] = family.place(index, np.array(own).reshape(len(own), len(rows)).T)
+    return found
 
 
 def _rows(table: ParameterTable, family: PlantFamily, first: int, count: int) -> Array:

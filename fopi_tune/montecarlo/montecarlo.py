@@ -15,6 +15,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.families.plant_list import members_of
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import SampledLoops
@@ -59,8 +60,9 @@ class Evidence:
         outside: plants outside the family's box, where no proof applies.
         unstable_inside: plants of the family whose loop is unstable.
         no_plants: draws that are no plants, such as one with a negative time constant; they enter no other count.
-        numbers: names of the uncertain numbers.
+        numbers: names of the uncertain numbers; of a list of plants those of all of them, each once.
         noisy_scenarios: names of those with noise.
+        members: name and weight of each plant of a list; empty without one.
     """
 
     validation: ValidationSpec
@@ -72,6 +74,7 @@ class Evidence:
     no_plants: int = 0
     numbers: tuple[str, ...] = ()
     noisy_scenarios: tuple[str, ...] = ()
+    members: tuple[tuple[str, float], ...] = ()
 
     @property
     def missed_inside(self) -> bool:
@@ -199,7 +202,8 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
         outside=sum(block.outside for block in ordered),
         unstable_inside=stable.missed_inside,
         no_plants=no_plants,
-        numbers=spec.plant.uncertain_names,
+        numbers=tuple(dict.fromkeys(name for each in members_of(spec.plant) for name in each.family.uncertain_names)),
+        members=tuple((each.name, each.weight) for each in members_of(spec.plant) if each.name),
         noisy_scenarios=tuple(scenario.name for scenario in spec.scenarios if scenario.noise_std),
     )
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.families.plant_list import named_place
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parameter_table import outside_box, why_impossible
 from fopi_tune.core.plant import PlantFamily
@@ -43,12 +44,14 @@ class WorstPlant:
         value: of the quantity or measure, in its public unit; infinite, on the side of the worst, where there is none.
         plant: the uncertain numbers by name.
         inside: whether it lies in the family's box.
+        member: its name in a list of plants; empty without one.
     """
 
     index: int
     value: float
     plant: Mapping[str, float]
     inside: bool
+    member: str = ""
 
 
 @dataclass(frozen=True)
@@ -251,7 +254,8 @@ class PlantSampler:
         """The plant of a draw."""
         place = self.points(found.index, found.index + 1)
         inside = not bool(outside_box(place, self.family)[0])
-        return WorstPlant(found.index, found.value, self.family.describe(place[0]), inside)
+        plant, member = self.family.describe(place[0]), named_place(self.family, place[0])
+        return WorstPlant(found.index, found.value, plant, inside, member)
 
 
 def limits_about(limits: Sequence[Limit], scenario: ScenarioSpec) -> list[Limit]:

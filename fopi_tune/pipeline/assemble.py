@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.families.plant_list import named_place
 from fopi_tune.core.stability import largest_steady_state_error
 from fopi_tune.proof import Certificate, Place, Verdict, Verification
 from fopi_tune.proof.verification.results import MeasureResult
@@ -165,7 +166,7 @@ def _refuted_message(found: Verification | None) -> str:
     if found is None:
         return "the best gains found are kp = ki = 0: switched off; add a requirement that needs a controller"
     if not found.stability.stable:
-        where = _place_in_words(found.stability.worst.plant, None)
+        where = _place_in_words(replace(found.stability.worst, omega_rad_s=None))
         return f"the check refuted the best gains found: {found.stability.reason}{where}"
     missed = [_missed_in_words(r.requirement, r.achieved, r.worst) for r in found.requirements if not r.is_met]
     missed += [_missed_measure(result) for result in found.measures if not result.is_met]
@@ -178,7 +179,7 @@ def _unproved_message(spec: DesignSpec, certificate: Certificate) -> str:
     if stability.verdict is not Verdict.PROVED:
         where = ""
         if stability.verdict is Verdict.REFUTED:
-            where = _place_in_words(spec.plant.describe(np.array(stability.point)), None)
+            where = _place_in_words(_place_at(spec, stability.point))
         parts.append(f"stability is {stability.verdict.value}: {stability.explanation}{where}")
     for proof in certificate.requirements:
         refuted = [side for side in proof.sides if side.verdict is Verdict.REFUTED]
@@ -193,7 +194,7 @@ def _unproved_message(spec: DesignSpec, certificate: Certificate) -> str:
     for each in certificate.scenarios:
         limit, shown = each.case.limit, each.proof
         if shown.verdict is Verdict.REFUTED and shown.theta is not None:
-            where = _place_in_words(spec.plant.describe(np.array(shown.theta)), None)
+            where = _place_in_words(_place_at(spec, shown.theta))
             asked = f"({limit.relation.value} {limit.limit:g})"
             parts.append(f"refuted: {limit.measure} is {shown.value:.9g} {asked} in {each.case.scenario.name}{where}")
     return "the gains pass the check in floating point, but the proof is missing: " + "; ".join(parts)
@@ -203,7 +204,7 @@ def _missed_in_words(requirement: Requirement, value: float | None, place: Place
     """A counterexample: what is reached, what was asked, the frequency and the plant."""
     limits = " .. ".join(f"{limit:g}" for limit in requirement.limits)
     reached = "has no value" if value is None else f"is {value:.9g}"
-    where = _place_in_words(place.plant, place.omega_rad_s)
+    where = _place_in_words(place)
     return f"{requirement.quantity} {reached} ({requirement.relation.value} {limits}){where}"
 
 
@@ -211,16 +212,24 @@ def _missed_measure(result: MeasureResult) -> str:
     """A counterexample of a requirement on a scenario."""
     limit = result.requirement
     asked = f"({limit.relation.value} {limit.limit:g})"
-    where = _place_in_words(result.worst.plant, None)
+    where = _place_in_words(replace(result.worst, omega_rad_s=None))
     return f"{limit.measure} is {result.achieved:.9g} {asked} in scenario {result.scenario}{where}"
 
 
-def _place_in_words(plant: Mapping[str, float], omega_rad_s: float | None) -> str:
+def _place_at(spec: DesignSpec, point: tuple[float, ...]) -> Place:
+    """A plant that no frequency belongs to."""
+    found = np.array(point)
+    return Place(None, spec.plant.describe(found), point, named_place(spec.plant, found))
+
+
+def _place_in_words(place: Place) -> str:
+    omega_rad_s = place.omega_rad_s
     if omega_rad_s is None:
         at = ""
     elif 0.0 < omega_rad_s < math.inf:
         at = f" at {omega_rad_s:.6g} rad/s"
     else:
         at = f" as omega tends to {'0' if omega_rad_s == 0.0 else 'infinity'}"
-    numbers = ", ".join(f"{name} = {value:.9g}" for name, value in plant.items())
-    return f"{at}{f' with {numbers}' if numbers else ''}"
+    numbers = ", ".join(f"{name} = {value:.9g}" for name, value in place.plant.items())
+    member = f" for {place.member}" if place.member else ""
+    return f"{at}{member}{f' with {numbers}' if numbers else ''}"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parameter_table import why_impossible
 from fopi_tune.core.plant import PlantFamily
@@ -145,7 +146,11 @@ def select_scenarios(scenarios: Sequence[ScenarioSpec], only: str | None) -> tup
 
 
 def plant_point(
-    family: PlantFamily, drawn: ValidationSpec, plant: Mapping[str, float] | None, index: int | None
+    family: PlantFamily,
+    drawn: ValidationSpec,
+    plant: Mapping[str, float] | None,
+    index: int | None,
+    member: str | None = None,
 ) -> np.ndarray:
     """The point of a plant in its family's box of uncertain numbers, shape (p,), in the spec's units.
 
@@ -154,14 +159,32 @@ def plant_point(
         drawn: how plants are drawn.
         plant: uncertain numbers by name, the nominal ones where left out.
         index: of a Monte Carlo draw to take instead of `plant`.
+        member: of a list of plants, the name of the one; the first where left out.  The point is then a place in it.
 
     Raises:
-        DomainError: an unknown number, an index that was not drawn, or a point that is no plant.
+        DomainError: an unknown number or member, an index that was not drawn, or a point that is no plant.
     """
-    point = _named_point(family, plant or {}) if index is None else _drawn_point(family, drawn, index)
+    if index is not None:
+        if member is not None:
+            raise DomainError("a plant that was drawn has its member; leave the member out")
+        point = _drawn_point(family, drawn, index)
+    else:
+        point = _point_of_member(family, plant or {}, member)
     if (problem := why_impossible(point, family)) is not None:
         raise DomainError(f"{'this' if index is None else f'draw {index}'} is no plant: {problem}")
     return point
+
+
+def _point_of_member(family: PlantFamily, named: Mapping[str, float], member: str | None) -> np.ndarray:
+    if not isinstance(family, PlantList):
+        if member is not None:
+            raise DomainError(f"there is no plant {member!r}: the spec has plant:, no list of plants")
+        return _named_point(family, named)
+    names = [each.name for each in family.members]
+    if member is not None and member not in names:
+        raise DomainError(f"there is no plant {member!r} in the list; there is {', '.join(names)}")
+    index = 0 if member is None else names.index(member)
+    return family.place(index, _named_point(family.members[index].family, named)[None, :])[0]
 
 
 def _drawn_point(family: PlantFamily, drawn: ValidationSpec, index: int) -> np.ndarray:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.families.plant_list import named_place
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import Plant
@@ -42,6 +43,7 @@ def simulate(
     accuracy: float | None = None,
     samples: int | None = None,
     seed: int | None = None,
+    member: str | None = None,
 ) -> Simulated:
     """Simulate the scenarios of a spec for one plant, with the digital controller.
 
@@ -58,17 +60,20 @@ def simulate(
         accuracy: of `exact`: halve the step until the output moves by less, in its unit; what is reached is said.
         samples: what was given to `validate`.
         seed: what was given to `validate`.
+        member: of a list of plants, the name of the one to simulate; the first where left out.
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: as for `discretize`, or an unknown scenario, number or index.
+        DomainError: as for `discretize`, or an unknown scenario, number, member or index.
     """
     from fopi_tune.digital.implementation import implementation_of
 
     spec = load_spec(source)
     drawn = override_validation(spec.validation, samples, seed)
     spec = replace(spec, validation=drawn)
-    point = refuse_simulation(spec, scenario=scenario, plant=plant, replay=replay, exact=exact, accuracy=accuracy)
+    point = refuse_simulation(
+        spec, scenario=scenario, plant=plant, replay=replay, exact=exact, accuracy=accuracy, member=member
+    )
     driven, notes = spec, list(limit_notes(spec.judged_limits))
     if spec.digital is None:
         driven, exact = replace(spec, digital=DigitalSpec(_sample_time(spec, gains))), True
@@ -99,6 +104,7 @@ def simulate(
         exact=exact,
         left_out=f"the computing delay of {delay:g} s" if exact and delay else "",
         notes=tuple(notes),
+        member=named_place(spec.plant, point),
     )
 
 
@@ -112,11 +118,12 @@ def refuse_simulation(
     accuracy: float | None = None,
     samples: int | None = None,
     seed: int | None = None,
+    member: str | None = None,
 ) -> np.ndarray:
     """Refuse what `simulate` cannot, before gains are tuned and anything runs.
 
     Args:
-        source, scenario, plant, replay, exact, accuracy, samples, seed: as for `simulate`.
+        source, scenario, plant, replay, exact, accuracy, samples, seed, member: as for `simulate`.
 
     Returns:
         The point of the plant, shape (p,).
@@ -126,7 +133,7 @@ def refuse_simulation(
     """
     spec = load_spec(source)
     refuse_accuracy(accuracy, exact or spec.digital is None)
-    point = plant_point(spec.plant, override_validation(spec.validation, samples, seed), plant, replay)
+    point = plant_point(spec.plant, override_validation(spec.validation, samples, seed), plant, replay, member)
     if not spec.scenarios:
         if scenario not in (None, "default"):
             raise DomainError(f"there is no scenario {scenario!r}; the spec has none")

@@ -27,6 +27,7 @@ from fopi_tune.results.stamp import certificate_versions
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.default_objective import with_default_objective
+from fopi_tune.spec.lists.members import refuse_list
 from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Sense
 
@@ -76,6 +77,8 @@ def tune(
             spec asks for and that cannot be made, or the convex search of a spec with requirements on scenarios.
     """
     asked = load_spec(source)
+    if solver is Solver.CONVEX:
+        refuse_list(asked, "the convex search")
     spec = with_default_objective(asked)
     design = _unconfirmed_design(spec, spec, proof, solver, start, bracket)
     design = _without_vanished_terms(spec, design, proof, solver)

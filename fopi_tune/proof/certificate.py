@@ -170,6 +170,7 @@ class StabilityProof:
         poles: its closed-loop poles in the right half-plane; None when they could not be counted.
         records: of the claims of `obligations.stability_claims`.
         budget_spent: as of a `SideProof`.
+        member: of a list of plants, the name of the member that decides, whose index is before `point`.
     """
 
     verdict: Verdict
@@ -178,6 +179,7 @@ class StabilityProof:
     poles: int | None
     records: tuple[Record, ...]
     budget_spent: bool = field(default=False, compare=False)
+    member: str = ""
 
     @property
     def reason(self) -> str:
@@ -213,6 +215,8 @@ class Certificate:
         versions: installed distribution -> version.
         scenarios: of requirements on measures of scenarios.
         limited: the loop with the limits of its control; None where there are none, or no samples.
+        members: of a list of plants, the certificate of each; `case` is then that of the first, and everything else
+            what they say together (`lists.combine`).
     """
 
     name: str
@@ -224,6 +228,7 @@ class Certificate:
     versions: Mapping[str, str]
     scenarios: tuple[ScenarioProof, ...] = ()
     limited: LimitedLoop | None = None
+    members: tuple[MemberCertificate, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
@@ -237,9 +242,24 @@ class Certificate:
     @property
     def boxes(self) -> int:
         """Number of examined boxes."""
+        if self.members:
+            return sum(member.certificate.boxes for member in self.members)
         records = [record for proof in self.requirements for side in proof.sides for record in side.records]
         of_scenarios = sum(max(len(each.proof.boxes), 1) for each in self.scenarios)
         return sum(record.boxes for record in (*self.stability.records, *records)) + of_scenarios
+
+
+@dataclass(frozen=True)
+class MemberCertificate:
+    """The certificate of one member of a list of plants.
+
+    Args:
+        name: of the member.
+        certificate: about its plants alone; of any but the first without what is about the nominal plant.
+    """
+
+    name: str
+    certificate: Certificate
 
 
 def relaxed_limit(requirement: Requirement, upper: bool, tolerance: float) -> float:

@@ -13,11 +13,13 @@ from dataclasses import dataclass, replace
 from flint import arb, ctx
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.proof.balls.box import point_box
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import (
     Certificate,
+    MemberCertificate,
     Record,
     RequirementProof,
     SideProof,
@@ -29,6 +31,7 @@ from fopi_tune.proof.certificate import (
 from fopi_tune.proof.claims.bound import response_of
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.poles import count_unstable_poles
+from fopi_tune.proof.lists.combine import of_certificates
 from fopi_tune.proof.obligations import (
     Case,
     is_unstable,
@@ -41,9 +44,11 @@ from fopi_tune.proof.output_limits import prove_with_limits
 from fopi_tune.proof.scenario_proofs import ScenarioProof, prove_scenarios
 from fopi_tune.proof.searches import BUDGET, LAST_BUDGET, REQUIREMENT_WORK, STABILITY_WORK, Searches
 from fopi_tune.proof.verification.results import Extreme, Outcome, Place, RequirementResult, Verification
+from fopi_tune.proof.verification.verify import verify
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.quantities.responses import FrequencyFunction
+from fopi_tune.spec.lists.members import member_specs
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
 
 #: relative distances from the worst value to the level to be proved, tried in turn
@@ -75,7 +80,19 @@ def certify(
         found: the verification of the gains.
         versions: installed distribution -> version, for the certificate.
         implementation: the digital controller that the verification was about; None in continuous time.
+
+    Returns:
+        The certificate; of a list of plants with that of each member.
     """
+    if isinstance(spec.plant, PlantList):
+        # a verification of what a result says has not that of each member
+        verified = found if found.members else verify(spec, found.gains, found.tolerance, implementation)
+        return of_certificates(
+            [
+                MemberCertificate(member.name, certify(own, each, versions, implementation))
+                for member, own, each in zip(spec.plant.members, member_specs(spec), verified.members, strict=True)
+            ]
+        )
     case = Case(found.gains, spec.plant, 0.0, None, implementation)
     crossings = tuple(case.loop.u_of(math.log(omega)) for omega in found.nominal.gain_crossovers_rad_s)
     case = replace(case, origin=_origin(case, crossings), nominal_crossings=crossings)

@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,12 +21,14 @@ from fopi_tune.proof.balls.box import ball_of
 from fopi_tune.proof.certificate import (
     LARGEST_TOLERANCE,
     Certificate,
+    MemberCertificate,
     Record,
     RequirementProof,
     SideProof,
     StabilityProof,
     Verdict,
 )
+from fopi_tune.proof.lists.combine import mismatched_members, of_certificates
 from fopi_tune.proof.obligations import Case
 from fopi_tune.proof.output_limits import limits_entry, read_limits
 from fopi_tune.proof.plant_entries import plant_entry, read_family
@@ -40,12 +43,17 @@ CERTIFICATE_SCHEMA = 2
 #: of the files before it: another meaning of the margins
 _UNWRAPPED_SCHEMA = 1
 KIND = "fopi_tune certificate"
+#: the entry of a list of plants
+PLANTS = "plants"
 #: of a digital controller; the cost of its polynomials grows with the third power
 _MOST_SECTIONS = 200
 
 
 def to_document(certificate: Certificate) -> dict[str, Any]:
-    """The certificate's JSON."""
+    """The certificate's JSON; of a list of plants those of its members, and in short what they say together."""
+    if certificate.members:
+        document = _list_document(certificate)
+        return {**document, "digest": digest(document)}
     case = certificate.case
     document: dict[str, Any] = {
         "schema": CERTIFICATE_SCHEMA,
@@ -65,6 +73,37 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
         "versions": dict(certificate.versions),
     }
     return {**document, "digest": digest(document)}
+
+
+def _list_document(certificate: Certificate) -> dict[str, Any]:
+    first, decides = certificate.case, int(certificate.stability.point[0])
+    own = replace(certificate.stability, point=certificate.stability.point[1:])
+    stability = _stability(own, certificate.members[decides].certificate.case)
+    requirements = [_requirement(proof, first) for proof in certificate.requirements]
+    for entry, proof in zip(requirements, certificate.requirements, strict=True):
+        sides = zip(entry["sides"], proof.sides, strict=True)
+        entry["sides"] = [{**_without_records(side), "member": said.worst.member} for side, said in sides]
+    return {
+        "schema": CERTIFICATE_SCHEMA,
+        "kind": KIND,
+        "name": certificate.name,
+        "verdict": certificate.verdict.value,
+        "spec_sha256": certificate.spec_sha256,
+        "tolerance": certificate.tolerance,
+        "gains": numbers_of(first.gains),
+        **({"implementation": _implementation(first.implementation)} if first.implementation else {}),
+        "stability": {**_without_records(stability), "point": list(certificate.stability.point), "member": own.member},
+        "requirements": requirements,
+        PLANTS: [
+            {"name": member.name, "certificate": to_document(member.certificate)} for member in certificate.members
+        ],
+        "versions": dict(certificate.versions),
+    }
+
+
+def _without_records(entry: dict[str, Any]) -> dict[str, Any]:
+    """An entry whose records are those of the members' certificates."""
+    return {key: value for key, value in entry.items() if key not in ("records", "witness_records")}
 
 
 def digest(document: Mapping[str, Any]) -> str:
@@ -167,6 +206,8 @@ def from_document(document: object) -> Certificate:
         )
     if top.number("schema") != CERTIFICATE_SCHEMA:
         raise CertificateError(f"schema {top.number('schema'):g} is not known; this version reads {CERTIFICATE_SCHEMA}")
+    if PLANTS in top.value:
+        return _read_list(top)
     gains = top.child("gains")
     try:
         controller = gains.controller()
@@ -198,6 +239,24 @@ def from_document(document: object) -> Certificate:
             else None
         ),
     )
+
+
+def _read_list(top: JsonObject) -> Certificate:
+    """The certificate of a list, made again from those of its members: what is said of all of them is not read."""
+    members = []
+    for entry in top.children(PLANTS):
+        own = entry.get("certificate")
+        if isinstance(own, dict) and PLANTS in own:
+            raise CertificateError(f"{entry.place}.certificate is about a list of plants itself")
+        try:
+            members.append(MemberCertificate(entry.text("name"), from_document(own)))
+        except CertificateError as error:
+            raise CertificateError(f"{entry.place}: {error}") from None
+    if not members:
+        raise CertificateError(f"{PLANTS} has no plant")
+    if (wrong := mismatched_members(members)) is not None:
+        raise CertificateError(wrong)
+    return of_certificates(members)
 
 
 def _read_implementation(entry: JsonObject) -> Implementation:

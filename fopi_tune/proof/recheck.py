@@ -9,19 +9,21 @@ what made the file.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from flint import ctx
 
 from fopi_tune.core.controller import derivative_of
+from fopi_tune.core.families.plant_list import PlantList, members_of
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict, relaxed_limit
 from fopi_tune.proof.claims.branch_and_bound import check_record
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.poles import count_unstable_poles
-from fopi_tune.proof.documents import digest, from_document, to_document
+from fopi_tune.proof.documents import PLANTS, digest, from_document, to_document
 from fopi_tune.proof.obligations import (
     is_unstable,
     level_claims,
@@ -36,10 +38,13 @@ from fopi_tune.proof.scenario_proofs import mismatches, scenario_problems
 from fopi_tune.proof.strict_json import first_difference
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.default_objective import with_default_objective
-from fopi_tune.spec.model import DesignSpec, Requirement, Scope
+from fopi_tune.spec.lists.members import member_specs
+from fopi_tune.spec.model import DesignSpec, Objective, Requirement, Scope, Sense
 
 #: natural units; an undecided side's place may be this much beyond the limit: a proof of less may have failed
 _CLEARLY = 1e-3
+_OTHER_PLANTS = "the plants are not those of the spec"
+_OTHER_REQUIREMENTS = "the requirements are not those of the spec"
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,10 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
         problems = _integrity(certificate, document)
     except (OverflowError, RecursionError) as error:
         raise CertificateError("a number or the nesting is beyond what a certificate of this tool holds") from error
+    if certificate.members:
+        return _recheck_list(certificate, document, spec, problems)
+    if spec is not None and isinstance(spec.plant, PlantList):
+        return Recheck(certificate, (*problems, _OTHER_PLANTS), 0)
     if spec is not None:
         problems += _spec_mismatches(certificate, spec)
     with ctx.workprec(PRECISION):
@@ -91,6 +100,40 @@ def recheck(document: object, spec: DesignSpec | None = None) -> Recheck:
     return Recheck(certificate, tuple(problems), _boxes(certificate))
 
 
+def _recheck_list(
+    certificate: Certificate, document: dict[str, Any], spec: DesignSpec | None, problems: list[str]
+) -> Recheck:
+    """Check the certificate of every member of a list, against that member's part of the spec.
+
+    What is said of all of them was derived again from what is said of each (`_integrity`).
+    """
+    specs: Sequence[DesignSpec | None] = [None] * len(certificate.members)
+    if spec is not None:
+        named = [member.name for member in members_of(spec.plant)]
+        if [member.name for member in certificate.members] != named:
+            return Recheck(certificate, (*problems, _OTHER_PLANTS), 0)
+        specs = _member_specs(certificate, spec)
+        if not specs:
+            return Recheck(certificate, (*problems, _OTHER_REQUIREMENTS), 0)
+    boxes = 0
+    for k, (member, own) in enumerate(zip(certificate.members, specs, strict=True)):
+        found = recheck(document["plants"][k]["certificate"], own)
+        boxes += found.boxes
+        problems += [f"plants[{k}] ({member.name[:40]}): {problem}" for problem in found.problems]
+    return Recheck(certificate, tuple(problems), boxes)
+
+
+def _member_specs(certificate: Certificate, spec: DesignSpec) -> tuple[DesignSpec, ...]:
+    """The members' specs with the requirements that the certificate states; none where these are others."""
+    stated = [_meaning(proof.requirement) for proof in certificate.requirements]
+    for each in (spec, with_default_objective(spec)):
+        if [_meaning(r) for r in each.requirements] == stated:
+            # with an objective nothing more is added to a member's requirements
+            objective = each.objective or Objective(Sense.MAXIMIZE, "ki")
+            return member_specs(replace(each, objective=objective))
+    return ()
+
+
 def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
     """Check the digest, and that every entry follows from the levels and records."""
     problems: list[str] = []
@@ -99,7 +142,8 @@ def _integrity(certificate: Certificate, document: dict[str, Any]) -> list[str]:
     again = to_document(certificate)
     problems += [f"{key[:40]!r} is no entry of a certificate" for key in document if key not in again]
     for key in again:
-        if key == "digest":
+        # the members' certificates are tested on their own
+        if key == "digest" or (key == PLANTS and certificate.members):
             continue
         difference = first_difference(document.get(key), again.get(key), key)
         if difference is not None:
@@ -125,7 +169,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     if (certificate.name, certificate.spec_sha256) != (spec.name, spec.sha256):
         problems.append("the name or the digest of the spec's file is another")
     if not same_plants(case.family, spec.plant):
-        problems.append("the plants are not those of the spec")
+        problems.append(_OTHER_PLANTS)
     if not spec.controller.has_structure_of(case.gains):
         of_filter = case.gains.measurement_filter != spec.controller.measurement_filter
         what = "the controller's measurement_filter is not that of the spec"
@@ -134,7 +178,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     # a design of a spec without an objective may have a limit of |S| added to it
     asked = [[_meaning(r) for r in each.requirements] for each in (spec, with_default_objective(spec))]
     if stated not in asked:
-        problems.append("the requirements are not those of the spec")
+        problems.append(_OTHER_REQUIREMENTS)
     problems += mismatches(certificate.scenarios, spec, case.implementation)
     problems += limits_mismatches(certificate.limited, spec)
     if spec.digital is not None and spec.digital.designs_sampled and case.implementation is None:

@@ -7,6 +7,8 @@ from functools import partial
 from typing import Any
 
 from fopi_tune.core.controller import FoPid, Pid
+from fopi_tune.core.families.plant_list import PlantList
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.report.comparison import ALIKE, ComparedDesign, Comparison, compare_designs
 from fopi_tune.report.documents import Document, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, sampling_phrase
@@ -133,6 +135,12 @@ def _share(row: Any) -> str:
 def _plants_phrase(documents: ResultDocuments) -> str:
     """The family in words."""
     plant = documents.spec.plant
+    if isinstance(plant, PlantList):
+        return " | ".join(f"{member.name}: {_family_phrase(member.family)}" for member in plant.members)
+    return _family_phrase(plant)
+
+
+def _family_phrase(plant: PlantFamily) -> str:
     parts = [
         f"{name} = {number(value.nominal)}"
         if value.is_exact

@@ -12,6 +12,8 @@ from itertools import pairwise
 from typing import Any, TypeVar
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.families.plant_list import members_of
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.certificate import Verdict
 from fopi_tune.proof.strict_json import JsonObject
@@ -164,6 +166,9 @@ def _evidence(top: JsonObject, spec: DesignSpec) -> None:
     confidence = drawn.number("confidence")
     _require(0.0 < confidence < 1.0, drawn, "confidence", "not between 0 and 1")
     drawn.number("seed")
+    for plant in drawn.children("plants") if "plants" in drawn.value else ():
+        plant.text("name")
+        plant.number("weight")
     _count(drawn, "outside_the_family")
     if drawn.get("samples_file") is None:
         drawn.text("design")
@@ -233,21 +238,25 @@ def _place(entry: JsonObject, key: str, spec: DesignSpec) -> None:
     _require(omega is None or omega >= 0.0, place, "omega_rad_s", "negative")
     if "limit" in place.value:
         place.text("limit")
-    _plant(place, spec)
+    family = _plant(place, spec)
     for name, value in place.value["plant"].items():
-        number = spec.plant.parameters[name]
+        number = family.parameters[name]
         slack = _ROUNDING * max(abs(number.min), abs(number.max))
         inside = number.min - slack <= value <= number.max + slack
         _require(inside, place, "plant", "no plant of the spec's family")
 
 
-def _plant(entry: JsonObject, spec: DesignSpec) -> None:
-    """The uncertain numbers of a plant; a requirement that no plant decides names none."""
-    plant = entry.child("plant")
-    known = spec.plant.uncertain_names
+def _plant(entry: JsonObject, spec: DesignSpec) -> PlantFamily:
+    """The uncertain numbers of a plant; a requirement that no plant decides names none; returns its family."""
+    families = {member.name: member.family for member in members_of(spec.plant)}
+    name = entry.text("member") if "member" in entry.value else next(iter(families))
+    _require(name in families, entry, "member", "no plant of the spec's list")
+    plant, family = entry.child("plant"), families[name]
+    known = family.uncertain_names
     _require(not plant.value or set(plant.value) == set(known), entry, "plant", "no plant of the spec")
-    for name in plant.value:
-        plant.number(name)
+    for number in plant.value:
+        plant.number(number)
+    return family
 
 
 def _schema(top: JsonObject) -> None:

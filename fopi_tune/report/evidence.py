@@ -10,7 +10,7 @@ import numpy as np
 
 from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, label_axes
 from fopi_tune.report.requirement_rows import place_phrase
-from fopi_tune.report.text.formatting import drawn_phrase, number
+from fopi_tune.report.text.formatting import drawn_phrase, members_phrase, number
 from fopi_tune.report.text.percentages import interval_phrase, share_phrase
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ def sampling_phrase(evidence: Mapping[str, Any]) -> str:
     drawn, total = evidence["drawn"], evidence["stable"]["total"]
     how = f"rows of {drawn['samples_file']['name']}" if drawn["samples_file"] else str(drawn["design"])
     words = f"{evidence['status']}: {total} plants, {how}, seed {drawn['seed']}"
+    if drawn.get("plants"):
+        words += ", " + members_phrase([(str(each["name"]), float(each["weight"])) for each in drawn["plants"]])
     outside = drawn["outside_the_family"]
     return f"{words}, {outside} of them outside the family, where nothing is proved" if outside else words
 

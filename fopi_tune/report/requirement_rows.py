@@ -62,13 +62,14 @@ def requirement_rows(
 
 
 def place_phrase(place: Mapping[str, Any] | None) -> str:
-    """A worst plant and frequency: "at 0.02 rad/s with time_constant_s = 3.1"."""
+    """A worst plant and frequency: "at 0.02 rad/s with time_constant_s = 3.1", of a list "for truck with ..."."""
     if place is None:
         return ""
     omega, limit = place.get("omega_rad_s"), place.get("limit")
     where = f"as {limit}" if limit else f"at {with_unit(omega, 'rad/s')}" if omega is not None else ""
     plant = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in place["plant"].items())
-    return " ".join(part for part in (where, f"with {plant}" if plant else "") if part)
+    member = f"for {place['member']}" if place.get("member") else ""
+    return " ".join(part for part in (where, member, f"with {plant}" if plant else "") if part)
 
 
 def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:

@@ -25,6 +25,8 @@ def place_dict(place: Place) -> dict[str, Any]:
     omega = place.omega_rad_s
     limit = {0.0: "omega -> 0", math.inf: "omega -> inf"}.get(omega) if omega is not None else None
     described: dict[str, Any] = {"omega_rad_s": finite(omega), "plant": dict(place.plant)}
+    if place.member:
+        described["member"] = place.member
     return described | ({"limit": limit} if limit else {})
 
 
@@ -66,7 +68,11 @@ def proof_dict(certificate: Certificate | None, wanted: bool) -> dict[str, Any]:
         "verdict": certificate.verdict.value,
         "reason": certificate.verdict.advice,
         "tolerance": certificate.tolerance,
-        "stability": {"verdict": stability.verdict.value, "reason": stability.reason},
+        "stability": {
+            "verdict": stability.verdict.value,
+            "reason": stability.reason,
+            **({"member": stability.member} if stability.member else {}),
+        },
         **({"with_limits": certificate.limited.to_dict()} if certificate.limited else {}),
         "boxes": certificate.boxes,
         "certificate_digest": to_document(certificate)["digest"],

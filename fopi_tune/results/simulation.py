@@ -171,6 +171,7 @@ class Simulated:
         exact: whether the loop was simulated in continuous time, without filter and samples.
         left_out: what the loop has and this simulation has not, in words; empty for none.
         notes: what to know about all scenarios.
+        member: of a list of plants, the name of the plant's; empty without one.
     """
 
     spec: DesignSpec
@@ -182,6 +183,7 @@ class Simulated:
     exact: bool = False
     left_out: str = ""
     notes: tuple[str, ...] = ()
+    member: str = ""
 
     @property
     def status(self) -> str:
@@ -195,6 +197,7 @@ class Simulated:
             "status": self.status,
             "gains": numbers_of(self.gains),
             "name": self.spec.name,
+            **({"member": self.member} if self.member else {}),
             "plant": dict(self.plant),
             "index": self.index,
             "exact": self.exact,

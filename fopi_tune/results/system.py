@@ -45,6 +45,11 @@ class SimulatedSystem:
     notes: tuple[str, ...] = ()
 
     @property
+    def member(self) -> str:
+        """The plant of a list: none, as a mode's spec has one plant."""
+        return ""
+
+    @property
     def status(self) -> str:
         """`chattering` where the modes do, `met` when every limit is, else `violated`."""
         if any(driven.chattering for driven in self.driven):

@@ -73,7 +73,7 @@ def default_notes(spec: DesignSpec) -> tuple[str, ...]:
 
 def _keeps_away(requirement: Requirement, spec: DesignSpec) -> bool:
     """Whether a requirement over all frequencies and plants keeps L away from -1."""
-    is_of_all = requirement.scope is Scope.FAMILY or len(spec.plant.low) == 0
+    is_of_all = requirement.scope is Scope.FAMILY or spec.plant.has_one_plant
     if requirement.quantity not in _ROBUST or not is_of_all:
         return False
     if requirement.quantity == "phase_margin_deg":

@@ -14,6 +14,7 @@ from fractions import Fraction
 from typing import Any
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME
+from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, DigitalSpec, Objective
 from fopi_tune.spec.scenarios import designed_scenarios
@@ -58,7 +59,11 @@ def digests_of(spec: DesignSpec) -> dict[str, str]:
 
 def content_digest(spec: DesignSpec) -> str:
     """SHA-256 of everything that a spec says, but for what is only for people."""
-    return _digest((spec.name, digests_of(spec), spec.validation))
+    said = (spec.name, digests_of(spec), spec.validation)
+    if not isinstance(spec.plant, PlantList):
+        return _digest(said)
+    # weights decide which plants are drawn, and nothing that is designed or proved
+    return _digest((*said, [member.weight for member in spec.plant.members]))
 
 
 def _digest(part: Any) -> str:
@@ -95,6 +100,8 @@ def _plain(value: Any) -> Any:
             absent += [] if value.has_derivative_order else [ORDER_NAME]
             absent += [] if value.measurement_filter is not None else ["measurement_filter"]
             names = [name for name in names if name not in absent]
+        if isinstance(value, PlantMember):
+            names.remove("weight")
         return {name: _plain(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantModel
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
+from fopi_tune.spec.lists.parameters import PARAMETERS, shared_parameters_shape, with_shared_parameters
+from fopi_tune.spec.lists.plants import plants_shape, refuse_both_words, refuse_for_lists
 from fopi_tune.spec.model import DesignSpec, GainRange, Sense
 from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.requirements import (
@@ -30,7 +33,8 @@ from fopi_tune.spec.scenarios import (
     scenarios_shape,
 )
 from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
-from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.hints import closest
+from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
 from fopi_tune.spec.yaml.shapes import Text, Version
 
@@ -52,7 +56,9 @@ def _shape_with(_: tuple[PlantModel, ...]) -> Record:
         "schema": Key(Version("version of the spec language", SCHEMA_VERSION)),
         "name": Key(Text("name of the design and of its results' folder", NAME_PATTERN, NAME_RULE)),
         "description": Key(Text("one sentence for people"), required=False),
-        "plant": Key(plant_shape()),
+        "plant": Key(plant_shape(), required=False),
+        "plants": Key(plants_shape(), required=False),
+        PARAMETERS: Key(shared_parameters_shape(), required=False),
         "controller": Key(controller_shape(), required=False),
         "requirements": Key(requirements_shape(), required=False),
         "objective": Key(objective_shape(), required=False),
@@ -62,7 +68,11 @@ def _shape_with(_: tuple[PlantModel, ...]) -> Record:
         "limits": Key(limits_shape(), required=False),
     }
     something_to_do = {"required": ["requirements"], "properties": {"requirements": {"minItems": 1}}}
-    rules = {"anyOf": [{"required": ["objective"]}, something_to_do]}
+    rules = {
+        "anyOf": [{"required": ["objective"]}, something_to_do],
+        "oneOf": [{"required": ["plant"]}, {"required": ["plants"]}],
+        "dependentRequired": {PARAMETERS: ["plants"]},
+    }
     return Record("a design problem for fopi-tune", keys, lambda values, place: values, _START, rules=rules)
 
 
@@ -75,7 +85,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
         takes = "`fopi tune`, `prove`, `discretize`, `simulate`, `validate` and `report` take systems"
         place.child("system").refuse(f"the file describes a system, where a spec is needed; {takes}")
         return None
-    values = shape.read_partial(place)
+    values = _read_sections(shape, place)
     if values is None:
         return None
     every = [each for each in values.get("requirements") or [] if each is not None]
@@ -85,8 +95,12 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     _check_scenarios(values, measured, place)
     values |= check_scenario_design(values, measured, place)
     _refuse_for_designed_scenarios(values, measured, place)
+    if place.has("plants"):
+        refuse_for_lists(values, measured, place)
     placed_validation: PlacedValidation | None = values.get("validation")
-    validation = None if placed_validation is None else resolve_validation(placed_validation, values.get("plant"), read)
+    # what is checked against the plant is refused beside a list of plants
+    family = None if place.has("plants") else values.get("plant")
+    validation = None if placed_validation is None else resolve_validation(placed_validation, family, read)
     if place.collector.problems:
         return None
     return DesignSpec(
@@ -104,6 +118,32 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
         sha256=sha256,
         schema=values["schema"],
     )
+
+
+def _read_sections(shape: Record, place: Place) -> Values | None:
+    """The sections' values, a list of plants in place of a plant; None where there is no mapping."""
+    place = with_shared_parameters(place)
+    both, keys = refuse_both_words(place), dict(shape.keys)
+    del keys[PARAMETERS]
+    if place.has("plant") and not place.has("plants"):
+        del keys["plants"]
+    elif place.has("plants") and not place.has("plant"):
+        del keys["plant"]
+    elif not both and not _means_plants(shape, place):
+        # one of the two is needed, and the one without an s is what most specs have
+        keys["plant"] = replace(keys["plant"], required=True)
+    shape = replace(shape, keys=keys)
+    values = shape.read_partial(place)
+    if values is None or "plants" not in values:
+        return values
+    listed = values.pop("plants")
+    return values | {"plant": None if both else listed}
+
+
+def _means_plants(shape: Record, place: Place) -> bool:
+    """Whether a misspelt key is probably `plants`."""
+    entries = place.node.entries if isinstance(place.node, MappingNode) else {}
+    return any(closest(key, tuple(shape.keys)) == "plants" for key in entries if key not in shape.keys)
 
 
 def _check_between_sections(values: Values, placed: list[PlacedRequirement], place: Place) -> None:

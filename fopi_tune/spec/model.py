@@ -228,7 +228,7 @@ class DesignSpec:
 
     Args:
         name: of the design and of its results' folder.
-        plant: the family.
+        plant: the family; of a list of plants (`plants:`) all of its members, a `PlantList`, which is no box.
         controller: the box of gains.
         requirements: in the order of the file.
         objective: None for the gains that are deepest inside all requirements.
@@ -243,6 +243,8 @@ class DesignSpec:
         source: those bytes.
         content_sha256: of what those bytes say, by which a spec that was changed afterwards is told; empty for a spec
             that was not read.
+        reference: of one member of a list (`spec.lists.members`), the family whose nominal plant is the list's; None
+            where that is `plant` itself.
     """
 
     name: str
@@ -260,6 +262,12 @@ class DesignSpec:
     source: bytes = field(default=b"", compare=False, repr=False)
     content_sha256: str = field(default="", compare=False, repr=False)
     scenario_requirements: tuple[Limit, ...] = ()
+    reference: PlantFamily | None = None
+
+    @property
+    def nominal_family(self) -> PlantFamily:
+        """The family whose nominal plant `on: nominal`, spreads and a digital controller's crossover are about."""
+        return self.plant if self.reference is None else self.reference
 
     @property
     def judged_limits(self) -> tuple[Limit, ...]:

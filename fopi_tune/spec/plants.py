@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.parametric.models import ZEROS_POLES, parametric_record, zeros_poles_record
 from fopi_tune.spec.yaml.advice import Advised, range_advice
-from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.nodes import Place, SequenceNode
 from fopi_tune.spec.yaml.records import Key, Record, TaggedUnion, Values
 from fopi_tune.spec.yaml.shapes import Constant, Converted, JsonSchema, ListOf, Number, PlainOrMapping, Shape
 
@@ -28,12 +29,12 @@ _MEANINGS = {
 _EXAMPLE = "{model: lag, static_gain: 1.0, time_constant_s: 2.0}"
 
 
-def plant_shape() -> Shape:
-    """Reads to a `PlantFamily`."""
+def plant_shape(listed: Callable[[Record], Record] = lambda record: record) -> Shape:
+    """Reads to a `PlantFamily`, or what `listed` makes of each model's record."""
     meaning, number = "the plant; every number of it may be uncertain", uncertain_shape("a number")
-    plain = {name: _model_record(model) for name, model in PLANT_MODELS.items()}
-    zeros_poles = zeros_poles_record(number, _MEANINGS)
-    named = {name: parametric_record(model, number, _MEANINGS) for name, model in PLANT_MODELS.items()}
+    plain = {name: listed(_model_record(model)) for name, model in PLANT_MODELS.items()}
+    zeros_poles = listed(zeros_poles_record(number, _MEANINGS))
+    named = {name: listed(parametric_record(model, number, _MEANINGS)) for name, model in PLANT_MODELS.items()}
     return _Plant(
         TaggedUnion(meaning, "model", {**plain, ZEROS_POLES: zeros_poles}, _EXAMPLE),
         TaggedUnion(meaning, "model", {**named, ZEROS_POLES: zeros_poles}, _EXAMPLE),
@@ -47,7 +48,12 @@ class _Plant(Shape):
     plain: TaggedUnion
     named: TaggedUnion
 
-    def read(self, place: Place) -> PlantFamily | None:
+    def read(self, place: Place) -> Any:
+        if isinstance(place.node, SequenceNode):
+            place.refuse(
+                "a list is written where one plant belongs; write plants: in place of plant: for a list of plants"
+            )
+            return None
         return (self.named if place.has("parameters") else self.plain).read(place)
 
     def json_schema(self) -> JsonSchema:

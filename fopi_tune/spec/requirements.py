@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
+from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.objectives import OBJECTIVES
@@ -50,12 +51,13 @@ def requirements_shape() -> ListOf:
 
 
 def refuse_equalities_over_families(placed: Sequence[PlacedRequirement], plant: PlantFamily) -> None:
-    """Reports `equals` over an uncertain family, which no controller can meet."""
-    if not plant.uncertain_names:
+    """Reports `equals` over an uncertain family or several plants, which no controller can meet."""
+    if plant.has_one_plant:
         return
     for each in placed:
         if each.requirement.relation is Relation.EQUALS and each.requirement.scope is Scope.FAMILY:
-            message = "not every plant of an uncertain family can have the same value; write between, or on: nominal"
+            plants = "a list" if isinstance(plant, PlantList) else "an uncertain family"
+            message = f"not every plant of {plants} can have the same value; write between, or on: nominal"
             each.limit_place.refuse(message)
 
 

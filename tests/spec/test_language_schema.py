@@ -365,6 +365,32 @@ def _without_what_a_schema_cannot_see(document: dict[str, Any]) -> dict[str, Any
     return document
 
 
+LISTED = st.lists(
+    st.tuples(PLANT, _with_some({}, {"name": st.from_regex("[a-z][a-z ]{0,3}", fullmatch=True), "weight": NUMBER})).map(
+        lambda pair: pair[0] | pair[1]
+    ),
+    max_size=9,
+)
+
+
+@pytest.mark.parametrize("examples", [30, pytest.param(150, marks=pytest.mark.long)])
+def test_what_the_parser_accepts_of_lists_of_plants_the_schema_accepts(examples: int) -> None:
+    seen: list[bool] = []
+
+    @settings(max_examples=examples, deadline=None, derandomize=True)
+    @given(LISTED, st.booleans())
+    def check(plants: list[Any], both: bool) -> None:
+        document = BASE | {"plants": plants}
+        if not both:
+            document.pop("plant")
+        seen.append(parses(document))
+        if seen[-1]:
+            VALIDATOR.validate(document)
+
+    check()
+    assert any(seen)
+
+
 @pytest.mark.parametrize("examples", [40, pytest.param(150, marks=pytest.mark.long)])
 def test_what_the_parser_accepts_the_schema_accepts(examples: int) -> None:
     @settings(max_examples=examples, deadline=None, derandomize=True)

@@ -31,9 +31,9 @@ from fopi_tune.design.global_search.compiled import (
     Rows,
     S,
     Table,
-    work_for,
 )
 from fopi_tune.design.global_search.controllers import controller_of
+from fopi_tune.design.global_search.families.worst import searches_of, worst_of
 from fopi_tune.design.global_search.nonlinear.program import SIZES
 from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
 from fopi_tune.design.global_search.problem import Problem
@@ -60,7 +60,6 @@ from fopi_tune.design.global_search.worst_case import (
     highest_crossover,
     inner_slack,
     smallest_margin,
-    worst_cases,
 )
 from fopi_tune.errors import DomainError
 
@@ -70,7 +69,6 @@ MEETS = 2e-7
 _NO_CONTROLLER = 1e-9
 #: natural units; findings of requirements with more slack are not looked at
 _WITHIN = 0.25
-_MOST_FINDINGS = 96
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
@@ -149,15 +147,15 @@ class Polish:
             ]
         )
         self.spread = self.real_rows if self.code == MARGIN_SPREAD else len(self.rows.kind)
-        self.work = work_for(self.table)
-        points, self.spacing = problem.fine_points
-        self.out = np.empty((_MOST_FINDINGS, FIELDS + points.shape[1]))
-        self.low, self.high = problem.spec.plant.low, problem.spec.plant.high
+        self.width = self.table.points.shape[1]
+        self.searches = searches_of(problem, self.table, self.rows, self.real_rows)
+        # of the nominal plant, which is the first of the first
+        self.work = self.searches[0].work
 
     def _at(self, x: Array) -> tuple[Array, Table]:
-        """Gains, and the table at their orders."""
-        sampling = self.problem.structure.sampling_at(x, self.table.sampling)
-        return x[:3], self.table._replace(sampling=sampling) if sampling is not self.table.sampling else self.table
+        """Gains, and the table of the nominal plant's family at their orders."""
+        sampling, table = self.problem.structure.sampling_at(x, self.table.sampling), self.searches[0].table
+        return x[:3], table._replace(sampling=sampling) if sampling is not table.sampling else table
 
     def look(self, x: Array, within: float = _WITHIN) -> Array | None:
         """The worst cases at gains; None where a plant is unstable or a quantity has no value."""
@@ -173,11 +171,7 @@ class Polish:
             rows = rows._replace(limit=np.concatenate([rows.limit[: self.real_rows], [nominal, nominal]]))
         if self.code == DEPTH:
             within = NOTHING
-        count = worst_cases(
-            x, table, rows, self.problem.scaled.plants, self.low, self.high, self.spacing,
-            self.problem.box.log_horizon, within, self.real_rows, self.work, self.out,
-        )  # fmt: skip
-        return None if count < 0 else self.out[:count].copy()
+        return worst_of(self.searches, x, table, rows, self.code, self.problem.box.log_horizon, within)
 
     def violation(self, findings: Array) -> float:
         """The largest violation of the requirements that must hold."""

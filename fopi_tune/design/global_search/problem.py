@@ -150,7 +150,7 @@ class Problem:
         """The same problem on samples with the filter that is exact at another crossover."""
         samples = self.scaled.samples
         assert samples is not None
-        scaled = replace(self.scaled, samples=replace(samples, crossover_rad_s=crossover_rad_s))
+        scaled = self.scaled.with_samples(replace(samples, crossover_rad_s=crossover_rad_s))
         other = self._share_tables(replace(self, scaled=scaled))
         for name in ("scan_table", "fine_table"):
             other.__dict__[name] = getattr(self, name)._replace(sampling=scaled.sampling)
@@ -187,7 +187,8 @@ class Problem:
     def fine_points(self) -> tuple[Array, Array]:
         """Plants of the whole box and their spacing."""
         points, spacing = box_grid(self.spec.plant)
-        seen = [v.theta for v in self.violations]
+        # of a list of plants one member may have fewer numbers than another
+        seen = [v.theta + (0.0,) * (points.shape[1] - len(v.theta)) for v in self.violations]
         return (np.vstack([points, np.array(seen).reshape(len(seen), points.shape[1])]) if seen else points), spacing
 
     @cached_property

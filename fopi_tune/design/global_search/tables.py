@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
+from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
@@ -43,6 +44,11 @@ _NARROWEST = 1e-3
 _FIRST_LOG_NU, _LAST_LOG_NU = -2.5, 14.0
 #: columns on which whole samples of delay turn
 _MOST_TURNS = 4000
+#: fields of a table that have a row for each plant, but for its points
+_OF_PLANTS = (
+    "gain", "phase", "real", "imag", "delay", "unstable", "start_phase", "low_slope", "high_slope", "alias",
+    "error_gain", "members", "late",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -54,14 +60,16 @@ class Scaled:
     Args:
         family: the plants.
         scale: omega_s and g_s.
-        plants: the coefficients over the box: 9 of N, 9 of D, the delay, 2 of F.
+        plants: the coefficients over the box: 9 of N, 9 of D, the delay, 2 of F; of a list those of the first member.
         samples: what samples the loop; None in continuous time.
+        parts: of a list of plants, each member alone; points are then places in the list, the member's index first.
     """
 
     family: PlantFamily
     scale: Scale
     plants: Family
     samples: Samples | None = None
+    parts: tuple[Scaled, ...] = ()
 
     @classmethod
     def of(cls, family: PlantFamily, scale: Scale, samples: Samples | None = None) -> Scaled:
@@ -70,6 +78,9 @@ class Scaled:
         Raises:
             DomainError: a numerator or a denominator of more than degree 8, or a filter that cannot be searched.
         """
+        if isinstance(family, PlantList):
+            parts = [cls._of_member(member, scale, samples) for member in family.members]
+            return cls(family, scale, parts[0].plants, samples, tuple(parts))
         low, high = family.low, family.high
         numerator, denominator, _ = family.coefficients(family.nominal_point[None, :])
         filtered = scale.measurement_filter
@@ -95,6 +106,13 @@ class Scaled:
         half, delay = (0.0, 0.0) if samples is None else (samples.half, float(samples.digital.delay_samples))
         return cls(family, scale, Family(terms, half, delay, powers), samples)
 
+    @classmethod
+    def _of_member(cls, member: PlantMember, scale: Scale, samples: Samples | None) -> Scaled:
+        try:
+            return cls.of(member.family, scale, samples)
+        except DomainError as error:
+            raise DomainError(f"{member.name}: {error}") from None
+
     @property
     def sampling(self) -> Sampling:
         """What responses of the controller depend on besides its own numbers."""
@@ -106,14 +124,23 @@ class Scaled:
             return self.samples.sampling
         return self.samples.with_orders(derivative) if self.scale.has_orders else self.samples.integrator(derivative)
 
+    def with_samples(self, samples: Samples) -> Scaled:
+        """The same plants sampled otherwise."""
+        return replace(self, samples=samples, parts=tuple(part.with_samples(samples) for part in self.parts))
+
     def members(self, points: Array) -> Array:
         """Coefficients of the plants at points of the box, shape (m, 21)."""
+        if isinstance(self.family, PlantList):
+            return np.array([self.member(point) for point in points])
         if self.samples is None and len(self.plants.powers) == 0:
             return self.plants.terms[0] + points @ self.plants.terms[1:]
         return np.array([self.member(point) for point in points])
 
     def member(self, point: Array) -> Array:
         """Coefficients of the plant at a point of the box, shape (21,)."""
+        if isinstance(self.family, PlantList):
+            index = int(point[0])
+            return self.parts[index].member(self.family.point(index, point[None, :])[0])
         if self.samples is None and len(self.plants.powers) == 0:
             return self.plants.terms[0] + point @ self.plants.terms[1:]
         plant = np.empty(COEFFICIENTS)
@@ -161,7 +188,12 @@ def _in_units(rows: Array, unit: float) -> Array:
 
 
 def vertices(family: PlantFamily) -> Array:
-    """The nominal point and the vertices of the box, shape (m, p); a sample of them where there are more than 64."""
+    """The nominal point and the vertices of the box, shape (m, p); a sample of them where there are more than 64.
+
+    Of a list of plants those of every member, as places in the list.
+    """
+    if isinstance(family, PlantList):
+        return np.vstack([family.place(k, vertices(member.family)) for k, member in enumerate(family.members)])
     low, high = family.low, family.high
     if len(low) == 0:
         return np.zeros((1, 0))
@@ -174,7 +206,13 @@ def vertices(family: PlantFamily) -> Array:
 
 
 def box_grid(family: PlantFamily) -> tuple[Array, Array]:
-    """The nominal point and a grid of the whole box, shape (m, p), with the grid's spacing, shape (p,)."""
+    """The nominal point and a grid of the whole box, shape (m, p), with the grid's spacing, shape (p,).
+
+    Of a list of plants those of every member, as places in the list; it has no common spacing.
+    """
+    if isinstance(family, PlantList):
+        grids = [family.place(k, box_grid(member.family)[0]) for k, member in enumerate(family.members)]
+        return np.vstack(grids), np.zeros(0)
     low, high, p = family.low, family.high, len(family.low)
     if p == 0:
         return np.zeros((1, 0)), np.zeros(0)
@@ -256,6 +294,8 @@ def _resonances(roots: Complex) -> Array:
 
 def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float) -> Table:
     """The plants at points of the box, shape (m, p), on a grid of frequencies."""
+    if isinstance(scaled.family, PlantList):
+        return _table_of_list(scaled, scaled.family, points, omega_rad_s, horizon_s)
     samples, omega_s = scaled.samples, scaled.scale.omega_rad_s
     plants = Plants.members(scaled.family, points)
     if samples is not None:
@@ -313,6 +353,22 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
         form.slope0.astype(float), high_slope.astype(float), alias, error_gain, members, points.astype(float),
         log_omega, np.ascontiguousarray(late), scaled.sampling, filter_gain,
     )  # fmt: skip
+
+
+def _table_of_list(scaled: Scaled, family: PlantList, places: Array, omega_rad_s: Array, horizon_s: float) -> Table:
+    """The tables of the members at places in a list, row by row as these are."""
+    parts = [(rows, table_of(scaled.parts[k], own, omega_rad_s, horizon_s)) for k, rows, own in family.parts(places)]
+    order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
+    tables = [table for _, table in parts]
+    stacked = {name: np.concatenate([getattr(table, name) for table in tables])[order] for name in _OF_PLANTS}
+    return tables[0]._replace(**stacked, points=places.astype(float))
+
+
+def table_of_member(table: Table, family: PlantList, index: int) -> Table:
+    """One member's rows of a list's table, with points of that member's box."""
+    rows = np.flatnonzero(table.points[:, 0] == index)
+    own = {name: getattr(table, name)[rows] for name in _OF_PLANTS}
+    return table._replace(**own, points=family.point(index, table.points[rows]))
 
 
 def _filter_in_table(scaled: Scaled) -> MeasurementFilter | None:

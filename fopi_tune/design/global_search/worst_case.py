@@ -299,19 +299,17 @@ def _worst_plant(
 
 
 @entry
-def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, real_rows, work, out):
+def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, real_rows, known, work, out):
     """Findings of all rows at gains x, into `out`; their number, or -1 where a plant is unstable or has no value.
 
     Args:
         x: kp', ki', alpha.
         table: plants of the whole box, the nominal one first.
         rows: requirements first, then those of the objective.
-        family, low, high, spacing: the plants' coefficients and the box.
-        horizon: ln(T omega_s).
-        within: rows of requirements whose slack is larger are left out.
-        real_rows: the number of requirements' rows.
-        work: scratch arrays.
-        out: shape (most, 6 + p).
+        family, low, high, spacing, horizon: the plants' coefficients, the box and its grid's spacing, ln(T omega_s).
+        within, real_rows: findings of requirements, the first so many rows, with a larger slack are left out.
+        known: (v, near) of the crossover that gains at a reference are about; empty where it is the first plant's.
+        work, out: scratch arrays, and room for findings, shape (most, 6 + p).
     """
     m, n = table.gain.shape
     p = table.points.shape[1]
@@ -320,6 +318,8 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
     if not is_stable_on(table, work):
         return -1
     reference, reference_near, there = highest_crossover(x, table, work)
+    if len(known) > 0:
+        reference, reference_near, there = known[0], known[1], True
     x, half = controller_of(x, table.sampling), table.sampling.half
     total = 0
     found, y = np.empty((12 * m + 64, 6)), np.empty(n)

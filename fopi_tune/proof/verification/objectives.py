@@ -72,7 +72,7 @@ def _integral_gain(objective: Objective, samples: SamplePair) -> Value:
 def _phase_margin_spread(objective: Objective, samples: SamplePair) -> Value:
     """max |PM - PM(nominal)|, deg; none where a member's margin is infinite or missing."""
     measure = QUANTITIES["phase_margin_deg"].measure
-    nominal = measure(samples.base.nominal_loop, False, 0.0, np.inf).value[0]
+    nominal = measure(samples.base.reference_loop, False, 0.0, np.inf).value[0]
 
     def criterion(loops: Loops) -> tuple[Array, Array, Array]:
         found = measure(loops, False, 0.0, np.inf)
@@ -85,7 +85,7 @@ def _phase_margin_spread(objective: Objective, samples: SamplePair) -> Value:
 
 def _crossover_spread(objective: Objective, samples: SamplePair) -> Value:
     """max |20 log10|L(j omega_c)||, dB, at the nominal member's highest crossover."""
-    crossings = gain_crossovers(samples.base.nominal_loop)
+    crossings = gain_crossovers(samples.base.reference_loop)
     if not len(crossings.row):
         return None, None
     omega = float(crossings.omega_rad_s[-1])

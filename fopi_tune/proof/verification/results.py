@@ -33,12 +33,14 @@ class Place:
     Args:
         omega_rad_s: the frequency; 0 and inf are limits, None when no frequency decides.
         plant: the member's uncertain numbers by name; empty when the plant is known.
-        point: the same as a place of the family's box.
+        point: the same as a place of the family's box; in a list of plants behind the member's index.
+        member: its name in a list of plants; empty without one.
     """
 
     omega_rad_s: float | None
     plant: Mapping[str, float]
     point: tuple[float, ...]
+    member: str = ""
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ class Verification:
         nominal: margins with the nominal plant.
         tolerance: allowed violation of a requirement, natural units.
         measures: the requirements on measures of scenarios, in the order of the spec.
+        members: of a list of plants, the verification of each alone.
     """
 
     gains: FoPi
@@ -158,6 +161,7 @@ class Verification:
     nominal: Margins
     tolerance: float
     measures: tuple[MeasureResult, ...] = ()
+    members: tuple[Verification, ...] = ()
 
     @property
     def all_met(self) -> bool:

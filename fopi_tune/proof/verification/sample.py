@@ -52,6 +52,7 @@ class Sample:
         nominal: the nominal member's row.
         implementation: the digital controller, of a loop on samples; None in continuous time.
         known: loops by the number and bytes of their places: searches for different quantities ask for the same ones.
+        reference: the family whose nominal plant spreads are measured from; None for `family`.
     """
 
     family: PlantFamily
@@ -61,9 +62,16 @@ class Sample:
     nominal: int
     implementation: Implementation | None = None
     known: dict[tuple[int, bytes], Loops] = field(default_factory=dict, compare=False, repr=False)
+    reference: PlantFamily | None = None
 
     @classmethod
-    def of(cls, family: PlantFamily, gains: FoPi, implementation: Implementation | None = None) -> Sample:
+    def of(
+        cls,
+        family: PlantFamily,
+        gains: FoPi,
+        implementation: Implementation | None = None,
+        reference: PlantFamily | None = None,
+    ) -> Sample:
         """A grid with up to three uncertain numbers, else corners and a Sobol sequence; and the nominal member."""
         p = len(family.uncertain_names)
         per_axis = _GRID.get(p, 0)
@@ -73,7 +81,7 @@ class Sample:
             x = np.array(list(itertools.product(np.linspace(0.0, 1.0, per_axis), repeat=p)))
         else:
             x = np.concatenate([_corners(p), _sobol(p)])
-        empty = cls(family, gains, x, per_axis, len(x), implementation)
+        empty = cls(family, gains, x, per_axis, len(x), implementation, reference=reference)
         return replace(empty, x=np.concatenate([x, empty.nominal_x[None, :]]))
 
     @property
@@ -115,7 +123,9 @@ class Sample:
         return self.known[key]
 
     def _loops_at(self, x: Array) -> Loops:
-        plants = Plants.members(self.family, self.points(x))
+        return self._loops_of(Plants.members(self.family, self.points(x)))
+
+    def _loops_of(self, plants: Plants) -> Loops:
         if self.implementation is None:
             return Loops.of(self.gains, plants)
         return SampledLoops.implemented(self.gains, self.implementation, plants)
@@ -129,6 +139,13 @@ class Sample:
     def nominal_loop(self) -> Loops:
         """The nominal member's, one row."""
         return self.loops_at(self.nominal_x[None, :])
+
+    @cached_property
+    def reference_loop(self) -> Loops:
+        """The one that spreads are measured from, one row."""
+        if self.reference is None:
+            return self.nominal_loop
+        return self._loops_of(Plants.of(self.reference.member(self.reference.nominal_point)))
 
     @cached_property
     def edges(self) -> tuple[Rows, Rows]:

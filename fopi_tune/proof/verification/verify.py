@@ -9,14 +9,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.crossing_changes import SamplePair
+from fopi_tune.proof.verification.lists import of_members
 from fopi_tune.proof.verification.objectives import evaluate_objective, smallest_slack
 from fopi_tune.proof.verification.requirements import assess_requirement, check_requirement
 from fopi_tune.proof.verification.results import MeasureResult, Verification
 from fopi_tune.proof.verification.sample import Sample
 from fopi_tune.proof.verification.stability import check_stability
+from fopi_tune.spec.lists.members import member_specs
 from fopi_tune.spec.model import DesignSpec
 from fopi_tune.spec.scenarios import frequency_part
 
@@ -36,11 +40,15 @@ def verify(
         implementation: the digital controller that approximates the gains; the loop is then the one on its samples,
             up to Nyquist's frequency.  None checks the ideal controller in continuous time.
 
+    Of a list of plants each member is verified, and the worst of all counts.
+
     Raises:
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
+    if isinstance(spec.plant, PlantList):
+        return of_members(spec, spec.plant, _verified_members(spec, spec.plant, gains, tolerance, implementation))
     loop = frequency_part(spec)
-    samples = SamplePair(Sample.of(spec.plant, gains, implementation))
+    samples = SamplePair(Sample.of(spec.plant, gains, implementation, spec.reference))
     stability = check_stability(samples.base)
     requirements = tuple(
         check_requirement(requirement, samples, stability, tolerance) for requirement in spec.requirements
@@ -66,6 +74,19 @@ def verify(
     )
 
 
+def _verified_members(
+    spec: DesignSpec, plants: PlantList, gains: FoPi, tolerance: float, implementation: Implementation | None
+) -> list[Verification]:
+    """The verification of each member alone; what cannot be checked names its member."""
+    found = []
+    for own, member in zip(member_specs(spec), plants.members, strict=True):
+        try:
+            found.append(verify(own, gains, tolerance, implementation))
+        except DomainError as error:
+            raise DomainError(f"{member.name}: {error}") from None
+    return found
+
+
 def reassess(spec: DesignSpec, found: Verification) -> Verification:
     """Verification of the same gains against a spec that differs only in its requirements' limits.
 
@@ -75,6 +96,9 @@ def reassess(spec: DesignSpec, found: Verification) -> Verification:
         spec: the same quantities and relations in the same order, with other limits.
         found: verification of the gains.
     """
+    if isinstance(spec.plant, PlantList):
+        each = zip(member_specs(spec), found.members, strict=True)
+        return of_members(spec, spec.plant, [reassess(member, known) for member, known in each])
     pairs = zip(spec.requirements, found.requirements, strict=True)
     requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
     measures = found.measures

@@ -89,7 +89,7 @@ def bode(members: Members) -> Picture:
 
 def nyquist(members: Members) -> Picture:
     """L in the complex plane, with the circle around -1 that no plant enters and the forbidden discs."""
-    near, loops = members.near_unit_gain, members.sample.loops
+    near, loops = members.near_unit_gain, members.family_loops
     named = np.exp(near.named_log_loop)
     grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
     stability = members.documents.design["stability"] or {}
@@ -162,7 +162,7 @@ def sensitivities(members: Members) -> Picture:
 
 def margins_along(members: Members) -> Picture | None:
     """Phase and gain margin over the first uncertain number, with gaps where the loop is unstable; None without one."""
-    names = members.documents.spec.plant.uncertain_names
+    names = members.numbers
     if not names:
         return None
     values = members.parameter_values
@@ -216,9 +216,9 @@ def _measure_of(word: str) -> LoopFunction:
 
 def _plants_phrase(members: Members) -> str:
     """Which plants a figure shows, in words."""
-    if not members.documents.spec.plant.uncertain_names:
+    if members.documents.spec.plant.has_one_plant:
         return "of the one plant there is"
-    return f"{len(members.sample.x)} plants of the family as a band, the nominal plant and the worst ones as lines"
+    return f"{len(members.family_loops)} plants of the family as a band, the nominal plant and the worst ones as lines"
 
 
 def _is_exact(r: Requirement, quantity: str) -> bool:
@@ -229,7 +229,9 @@ def _hatching(members: Members) -> str:
     """What hatching means; also that of requirements on the nominal plant alone."""
     spec = members.documents.spec
     alone = any(r.scope is Scope.NOMINAL and r.relation is not Relation.EQUALS for r in spec.requirements)
-    of_nominal = "; slanted the other way: for the nominal plant alone" if alone and spec.plant.uncertain_names else ""
+    of_nominal = (
+        "; slanted the other way: for the nominal plant alone" if alone and not spec.plant.has_one_plant else ""
+    )
     return f"{_HATCHED}{of_nominal}."
 
 
@@ -297,5 +299,5 @@ def decibels(members: Members, log_loop: Complex) -> dict[str, Array]:
 
 def _crossovers(members: Members) -> tuple[float, float] | None:
     """Lowest and highest gain crossover of the grid's plants, rad/s."""
-    omega = gain_crossovers(members.sample.loops).omega_rad_s
+    omega = gain_crossovers(members.family_loops).omega_rad_s
     return (float(omega.min()), float(omega.max())) if len(omega) else None

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import gain_crossovers, phase_crossovers
+from fopi_tune.core.families.plant_list import PlantList, named_place
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
@@ -65,15 +67,40 @@ class Members:
         """The grid that the check in floating point starts from."""
         return Sample.of(self.documents.spec.plant, self.gains, self.documents.implementation)
 
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Names of the uncertain numbers that figures go along; a list of plants has none in common."""
+        family = self.documents.spec.plant
+        return () if isinstance(family, PlantList) else family.uncertain_names
+
+    @cached_property
+    def family_loops(self) -> Loops:
+        """The loops of the grid, of a list of plants of every member's grid."""
+        family = self.documents.spec.plant
+        if not isinstance(family, PlantList):
+            return self.sample.loops
+        places = []
+        for k, member in enumerate(family.members):
+            sample = Sample.of(member.family, self.gains, self.documents.implementation)
+            places.append(family.place(k, sample.points(sample.x)))
+        return self.loops_at(np.vstack(places))
+
     @cached_property
     def named(self) -> tuple[Member, ...]:
-        """The nominal plant, then the worst ones of the requirements."""
+        """The nominal plant, then the worst ones of the requirements; of a list also other members' nominal plants."""
         family = self.documents.spec.plant
-        members = [Member("nominal", tuple(family.nominal_point.tolist()))]
+        nominal = tuple(family.nominal_point.tolist())
+        listed = named_place(family, family.nominal_point)
+        members = [Member(f"nominal: {listed}" if listed else "nominal", nominal)]
         for found in self.documents.requirements:
-            point = _worst_point(family.uncertain_names, found)
+            point = _worst_point(family, found)
             if point is not None and point not in (member.point for member in members):
-                members.append(Member(f"worst: {_point_label(family.uncertain_names, point)}", point))
+                members.append(Member(f"worst: {_point_label(family, point)}", point))
+        if isinstance(family, PlantList):
+            for k, each in enumerate(family.members):
+                point = tuple(family.place(k, each.family.nominal_point[None, :])[0].tolist())
+                if point not in (member.point for member in members):
+                    members.append(Member(each.name, point))
         return tuple(members[: 1 + _MOST_WORST])
 
     def loops_at(self, points: Array) -> Loops:
@@ -99,7 +126,7 @@ class Members:
     @cached_property
     def parameter_values(self) -> Array:
         """Values of the first uncertain number, as `values_of`; empty without one."""
-        return self.values_of(0, 21) if self.documents.spec.plant.uncertain_names else np.zeros(0)
+        return self.values_of(0, 21) if self.numbers else np.zeros(0)
 
     def values_of(self, index: int, count: int) -> Array:
         """Values of an uncertain number over its range, ascending, with the nominal value among them; shape (n,)."""
@@ -150,8 +177,10 @@ class Members:
         return replace(self, range_rad_s=(ends[0], ends[1]))
 
     def extreme_points(self) -> Array:
-        """The nominal plant and the box's two extreme corners."""
+        """The nominal plant and the box's two extreme corners; of a list of plants those of every member."""
         family = self.documents.spec.plant
+        if isinstance(family, PlantList):
+            return family.corners(0)
         return np.array([family.nominal_point, family.low, family.high])
 
     def log_loop(self, loops: Loops) -> Complex:
@@ -163,7 +192,7 @@ class Members:
     @cached_property
     def family_log_loop(self) -> Complex:
         """ln L of the whole grid, shape (m, n)."""
-        return self.log_loop(self.sample.loops)
+        return self.log_loop(self.family_loops)
 
     @cached_property
     def named_log_loop(self) -> Complex:
@@ -196,10 +225,19 @@ def _phase_crossovers(loops: Loops) -> Array:
     return found.omega_rad_s[np.unique(found.row, return_index=True)[1]]
 
 
-def _worst_point(names: Sequence[str], found: ReportedRequirement) -> tuple[float, ...] | None:
-    plant = (found.reported["worst"] or {}).get("plant")
-    return tuple(float(plant[name]) for name in names) if plant else None
+def _worst_point(family: PlantFamily, found: ReportedRequirement) -> tuple[float, ...] | None:
+    worst = found.reported["worst"] or {}
+    plant = worst.get("plant")
+    if isinstance(family, PlantList):
+        index = next((k for k, each in enumerate(family.members) if each.name == worst.get("member")), None)
+        if index is None or plant is None:
+            return None
+        own = [float(plant[name]) for name in family.members[index].family.uncertain_names]
+        return tuple(family.place(index, np.array([own]))[0].tolist())
+    return tuple(float(plant[name]) for name in family.uncertain_names) if plant else None
 
 
-def _point_label(names: Sequence[str], point: Sequence[float]) -> str:
-    return ", ".join(f"{name} = {number(value, 4)}" for name, value in zip(names, point, strict=True))
+def _point_label(family: PlantFamily, point: Sequence[float]) -> str:
+    place = np.array(point)
+    numbers = ", ".join(f"{name} = {number(value, 4)}" for name, value in family.describe(place).items())
+    return ": ".join(part for part in (named_place(family, place), numbers) if part)

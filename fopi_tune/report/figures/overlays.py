@@ -204,7 +204,7 @@ def _responses(overlay: Overlay) -> Picture | None:
 
 
 def _margins(overlay: Overlay) -> Picture | None:
-    names = [each.members.documents.spec.plant.uncertain_names[:1] for each in overlay.designs]
+    names = [each.members.numbers[:1] for each in overlay.designs]
     name = next((first[0] for first in names if first), None)
     if name is None:
         return None
@@ -264,14 +264,14 @@ def _family_and_nominal_db(members: Members) -> tuple[dict[str, Array], dict[str
 def _family_steps(members: Members, signal: Signal, t: Array) -> tuple[Array | None, list[Array]]:
     """Step responses of the nominal plant and of some plants of its family; None and none where not accurate."""
     family = members.documents.spec.plant
-    names = family.uncertain_names
+    alone = family.has_one_plant
     points = (
         members.points_along(members.parameter_values[::_EVERY])
-        if len(names) == 1
+        if len(members.numbers) == 1
         else family.corners(_MOST_CORNERS)[1:]
     )
     nominal = step_response(members, tuple(family.nominal_point.tolist()), signal, t)
-    rows = [step_response(members, tuple(point), signal, t) for point in (points.tolist() if names else [])]
+    rows = [step_response(members, tuple(point), signal, t) for point in ([] if alone else points.tolist())]
     return nominal, [row for row in rows if row is not None]
 
 

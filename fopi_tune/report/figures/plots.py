@@ -81,7 +81,8 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: ScenarioResult) 
     from matplotlib.figure import Figure
 
     t = driven.traces
-    named = ", ".join(f"{name} = {value:g}" for name, value in result.plant.items())
+    numbers = [f"{name} = {value:g}" for name, value in result.plant.items()]
+    named = ", ".join([result.member, *numbers] if result.member else numbers)
     title = f"{result.spec.name}, {driven.scenario.name}" + (f": {named}" if named else "")
     with matplotlib.rc_context({"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}):
         figure = Figure(figsize=(6.4, 6.0), layout="constrained")

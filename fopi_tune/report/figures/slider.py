@@ -92,7 +92,7 @@ class Slider:
 def slider_of(members: Members) -> Slider | None:
     """The slider over the first few uncertain numbers; None without any."""
     family = members.documents.spec.plant
-    if not family.uncertain_names:
+    if not members.numbers:
         return None
     paths = [
         members.parameter_values,

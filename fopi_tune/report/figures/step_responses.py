@@ -127,8 +127,8 @@ def _settling_words(members: Members, t: Array, nominal: Array | None) -> str:
 def _corners(members: Members) -> Array:
     """Points of the plants drawn in grey: along the one uncertain number, or corners of the box."""
     family = members.documents.spec.plant
-    if not family.uncertain_names:
-        return np.zeros((0, 0))
-    if len(family.uncertain_names) == 1:
+    if family.has_one_plant:
+        return np.zeros((0, len(family.nominal_point)))
+    if len(members.numbers) == 1:
         return members.points_along(members.parameter_values[::3])
     return family.corners(16)

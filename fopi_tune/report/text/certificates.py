@@ -77,7 +77,8 @@ def _shown(each: ScenarioProof) -> str:
 def _bounds(proof: RequirementProof) -> str:
     """The proved range of a requirement's value: "family; proved to be at least 82.906"."""
     low, high = proof.bounds
-    where = scope_phrase(proof.requirement)
+    worst = ", ".join(dict.fromkeys(side.worst.member for side in proof.sides if side.worst.member))
+    where = scope_phrase(proof.requirement) + (f", worst for {worst}" if worst else "")
     if low is None and high is None:
         return f"{where}; {proof.reason}"
     if low is None or high is None:

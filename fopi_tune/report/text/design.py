@@ -6,7 +6,7 @@ The layout is fixed and of ASCII characters, the same in a terminal, a pipe, a l
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -215,20 +215,20 @@ def _multiplier(report: RequirementReport, objective: float | None) -> str:
 
 def _worst(requirement: Requirement, result: RequirementResult) -> str:
     if result.outcome is Outcome.INFINITE:
-        return endless_phrase(requirement.quantity) + ("" if result.is_met else _plant(result.worst.plant))
+        return endless_phrase(requirement.quantity) + ("" if result.is_met else _plant(result.worst))
     if result.outcome is Outcome.UNSTABLE:
-        return f"{NO_MARGIN}{_plant(result.worst.plant)}"
+        return f"{NO_MARGIN}{_plant(result.worst)}"
     if result.outcome is Outcome.BEYOND_NYQUIST:
         return "its band lies above Nyquist's frequency: sample faster"
     if result.outcome is Outcome.NO_CROSSOVER:
-        return f"|L| never crosses 1{_plant(result.worst.plant)}"
+        return f"|L| never crosses 1{_plant(result.worst)}"
     if requirement.scope is Scope.NOMINAL:
         return f"worst {_frequency(result.worst.omega_rad_s)}"
     return f"worst {_place(result.worst)}"
 
 
 def _place(place: Place) -> str:
-    return _frequency(place.omega_rad_s) + _plant(place.plant)
+    return _frequency(place.omega_rad_s) + _plant(place)
 
 
 def _frequency(omega_rad_s: float | None) -> str:
@@ -239,9 +239,9 @@ def _frequency(omega_rad_s: float | None) -> str:
     return f"at {with_unit(omega_rad_s, 'rad/s')}"
 
 
-def _plant(plant: Mapping[str, float]) -> str:
-    named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in plant.items())
-    return f" with {named}" if named else ""
+def _plant(place: Place) -> str:
+    named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in place.plant.items())
+    return (f" for {place.member}" if place.member else "") + (f" with {named}" if named else "")
 
 
 def clash_lines(clash: Sequence[Relaxation], requirements: Sequence[Requirement | Limit]) -> Iterator[Line]:
@@ -273,7 +273,7 @@ def summary_lines(
     if stability.stable:
         yield from entry("stability", f"stable: {stability.reason}; closest to -1 {_place(stability.worst)}")
     else:
-        yield from entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst.plant)}", BAD)
+        yield from entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst)}", BAD)
     plain = margins_dict(nominal)
     if plain is not None:
         yield from entry("nominal", margins_phrase(plain))

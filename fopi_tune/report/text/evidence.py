@@ -17,6 +17,7 @@ from fopi_tune.report.text.formatting import (
     drawn_phrase,
     entry,
     gains_lines,
+    members_phrase,
     number,
     requirement_phrase,
     style_of,
@@ -54,6 +55,8 @@ def evidence_text(result: Validated) -> Text:
     lines: list[Line] = [*wrapped(f"{result.spec.name}, validated: {status}. {said}", style_of(status == "met"))]
     lines += [("", ""), *gains_lines(result.digital.controller.gains)]
     lines += _sampling_lines(evidence, "plants")
+    if evidence.members:
+        lines += entry("plants", members_phrase(evidence.members))
     lines += _header(evidence.validation)
     lines += _row("stable loop", evidence.stable)
     lines += wrapped(
@@ -170,6 +173,7 @@ def _details(judged: OutcomeStatistics) -> str:
     if judged.worst:
         worst = judged.worst[0]
         named = ", ".join(f"{name} = {number(value)}" for name, value in worst.plant.items())
+        named = ": ".join(part for part in (worst.member, named) if part)
         parts.append(f"worst {_value(worst.value, judged)} (plant {worst.index}" + (f": {named})" if named else ")"))
     return "; ".join(parts)
 

@@ -98,6 +98,11 @@ def endless_phrase(quantity: str) -> str:
     return f"no {'phase' if at_phase else 'gain'} crossover sets it"
 
 
+def members_phrase(members: Sequence[tuple[str, float]]) -> str:
+    """The plants of a list with the weights by which they are drawn: "of car, truck, drawn 1 : 2"."""
+    return f"of {', '.join(name for name, _ in members)}, drawn {' : '.join(f'{weight:g}' for _, weight in members)}"
+
+
 def drawn_phrase(name: str, upper: bool, met: bool) -> str:
     """An infinite value of a drawn plant in words.
 

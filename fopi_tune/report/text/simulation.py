@@ -35,6 +35,7 @@ def simulation_text(result: Simulated | SimulatedSystem) -> Text:
     lines: list[Line] = [*wrapped(f"{result.spec.name}, simulated: {_headline(result)}", style_of(met)), ("", "")]
     lines += gains_lines(result.gains)
     named = ", ".join(f"{name} = {number(value)}" for name, value in result.plant.items()) or "known exactly"
+    named = f"{result.member}: {named}" if result.member else named
     lines += entry("plant", named + (f" (draw {result.index})" if result.index is not None else ""))
     for note in result.notes:
         lines += entry("note", note)

@@ -133,9 +133,10 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
         delay_samples: computing delay, whole or not, of the control; the load has none.
 
     Raises:
-        DomainError: a number is not finite, a leading one is 0, a plant is improper or its delay above 10,000 samples.
+        DomainError: a number is not finite, every leading one is 0, a plant is improper or its delay above 10,000
+            samples.
     """
-    top, bottom = plants.numerator, plants.denominator
+    top, bottom = _of_one_degree(plants.numerator, plants.denominator, sample_time_s)
     if not all(np.all(np.isfinite(values)) for values in (top, bottom, plants.dead_time_s)):
         raise DomainError("a plant has a number that is not finite")
     if top.shape[1] > bottom.shape[1] or not np.all(bottom[:, 0] != 0.0):
@@ -161,6 +162,24 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
     scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
     arrivals = _arrivals(a, parts, scale, rate_state, rate_input)
     return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals)
+
+
+def _of_one_degree(top: Array, bottom: Array, sample_time_s: float) -> tuple[Array, Array]:
+    """Numerators and denominators, those of a lower degree than others times powers of 1 + s Ts, which cancel.
+
+    Plants of several models are simulated together; the states that are added follow the input and reach no output.
+    """
+    missing = np.argmax(bottom != 0.0, axis=1)
+    if not missing.any() or missing.all():
+        return top, bottom
+    bottom = bottom.copy()
+    top = np.hstack([np.zeros((len(top), bottom.shape[1] - top.shape[1])), top])
+    for power in range(int(missing.max())):
+        rows = missing > power
+        for side in (top, bottom):
+            # the first coefficient of these rows is 0
+            side[rows] += sample_time_s * np.roll(side[rows], -1, axis=1)
+    return top, bottom
 
 
 def _arrivals(

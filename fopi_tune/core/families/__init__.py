@@ -1,0 +1,1 @@
+"""Families that are made of several: lists of plants."""

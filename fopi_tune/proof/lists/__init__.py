@@ -1,0 +1,1 @@
+"""Certificates of lists of plants:  one of each member, and what they say together."""
