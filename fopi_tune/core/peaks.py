@@ -1,8 +1,8 @@
-"""Global extremes over frequency of |S|, |T|, |C S| and |L|, by branch and bound:  no peak is missed.
+"""Global extremes over frequency of |S|, |T|, |C S|, |P S| and |L|, by branch and bound:  no peak is missed.
 
 Each response is the reciprocal of a sum K of one or two functions whose logarithms l_i have a Bode form,
 
-    1/S = 1 + L,      1/T = 1 + 1/L,      1/(C S) = 1/C + P,      1/L ,
+    1/S = 1 + L,      1/T = 1 + 1/L,      1/(C S) = 1/C + P,      1/(P S) = 1/P + C,      1/L ,
 
 K(u) = sum_i e^{l_i(u)} with u = ln omega.  On a cell with centre c and half-width h,
 |K - (K(c) + K'(c)(u - c))| <= M h^2/2 where M bounds |K''| = |sum e^{l_i} (l_i'^2 + l_i'')|; so |K| lies between the
@@ -39,6 +39,7 @@ class Response(Enum):
     COMPLEMENTARY_SENSITIVITY = "T"
     CONTROL_SENSITIVITY = "CS"
     LOOP_GAIN = "L"
+    LOAD_SENSITIVITY = "PS"
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,8 @@ def inverse_response(loops: Loops, response: Response) -> _Sum:
         return _Sum(True, (-loops.log,))
     if response is Response.CONTROL_SENSITIVITY:
         return _Sum(False, (-loops.log_controller, loops.plants.log))
+    if response is Response.LOAD_SENSITIVITY:
+        return _Sum(False, (loops.log_controller, -loops.plants.log))
     return _Sum(False, (-loops.log.undelayed(),))
 
 

@@ -24,6 +24,8 @@ from fopi_tune.design.global_search.compiled import (
     LOOP_GAIN,
     MARGIN_SPREAD,
     PHASE_MARGIN,
+    PS,
+    PS_PEAK,
     S_PEAK,
     Rows,
     S,
@@ -224,8 +226,9 @@ def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[R
         limit = _deeper(rows, step - cost)
         at = np.array([np.argmin(np.abs(table.log_omega - log_omega)) for log_omega in limit])
         return rows._replace(limit=limit, first=np.where(rows.kind == CROSSOVER, at, rows.first)), 0.0
-    if problem.code in (S_PEAK, CS_PEAK):
-        return _joined(rows, S if problem.code == S_PEAK else CS, 1, cost - step, 0, last), 0.0
+    peaks = {S_PEAK: S, CS_PEAK: CS, PS_PEAK: PS}
+    if problem.code in peaks:
+        return _joined(rows, peaks[problem.code], 1, cost - step, 0, last), 0.0
     kind = PHASE_MARGIN if problem.code == MARGIN_SPREAD else CROSSOVER
     fixed = [k for k, c in enumerate(problem.constraints) if c.bound is Bound.EQUAL and rows.kind[k] == kind]
     if not fixed:

@@ -175,13 +175,21 @@ class MarginScan:
         u = np.clip(np.pad(self.u, ((0, 0), (1, 1)), constant_values=((0.0, 0.0), (first, last))), first, last)
         log = np.concatenate([self._at(rows, first), self.log_gain, self._at(rows, last)], axis=1)
         sign = 1.0 if largest else -1.0
-        values = sign * _response(log, self._log_controller(u), response)
+        values = sign * _response(log, self._own_factor(u, response), response)
         values = np.where(np.isnan(values) | ~inside, -np.inf, values)
         best = values.max(axis=1)
         for k in _highest(values):
             low, high = u[rows, np.maximum(k - 1, 0)], u[rows, np.minimum(k + 1, u.shape[1] - 1)]
             best = np.maximum(best, self._polished(rows, low, high, response, sign))
         return sign * best
+
+    def _own_factor(self, u: Array, response: Response) -> Complex:
+        """What a response has beside S on a grid of shape (m, n):  ln P of |P S|, else ln C."""
+        if response is not Response.LOAD_SENSITIVITY:
+            return self._log_controller(u)
+        rows = np.repeat(np.arange(len(u)), u.shape[1])
+        with np.errstate(all="ignore"):
+            return np.asarray(np.log(self.loops.plants.at(rows, u.ravel())).reshape(u.shape), dtype=complex)
 
     def _log_controller(self, u: Array) -> Complex:
         """ln C on a grid of shape (m, n)."""
@@ -199,7 +207,8 @@ class MarginScan:
             controller: Complex = np.log(self.loops.controller_at(u))
             with np.errstate(all="ignore"):
                 plant: Complex = np.log(self.loops.plants.at(rows, u))
-            return sign * _response(controller + plant, controller, response)
+            own = plant if response is Response.LOAD_SENSITIVITY else controller
+            return sign * _response(controller + plant, own, response)
 
         a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         at_a, at_b = value(a), value(b)
@@ -228,8 +237,8 @@ def _highest(values: Array) -> list[Rows]:
     return found
 
 
-def _response(log: Complex, controller: Complex, response: Response) -> Array:
-    """ln of |S|, |T|, |C S| or |L| from ln L and ln C."""
+def _response(log: Complex, own: Complex, response: Response) -> Array:
+    """ln of |S|, |T|, |C S|, |P S| or |L| from ln L and ln C, or ln P of |P S|."""
     if response is Response.LOOP_GAIN:
         return log.real
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -239,4 +248,4 @@ def _response(log: Complex, controller: Complex, response: Response) -> Array:
         difference = np.where(large, log.real, 0.0) + np.log(np.abs(1.0 + small))
     if response is Response.SENSITIVITY:
         return -difference
-    return log.real - difference if response is Response.COMPLEMENTARY_SENSITIVITY else controller.real - difference
+    return log.real - difference if response is Response.COMPLEMENTARY_SENSITIVITY else own.real - difference

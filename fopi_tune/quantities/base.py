@@ -70,6 +70,11 @@ class LoopSymbols(Protocol):
         ...
 
     @property
+    def log_plant(self) -> Any:
+        """ln|P|."""
+        ...
+
+    @property
     def log_omega(self) -> Any:
         """ln(omega / (rad/s))."""
         ...

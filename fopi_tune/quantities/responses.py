@@ -1,4 +1,4 @@
-"""Quantities that are functions of frequency: |S|, |T|, |C S| and |L| in dB."""
+"""Quantities that are functions of frequency: |S|, |T|, |C S|, |P S| and |L| in dB."""
 
 from __future__ import annotations
 
@@ -52,6 +52,15 @@ class ControlSensitivity(FrequencyFunction):
 
     def natural(self, loop: LoopSymbols) -> Any:
         return loop.log_controller - loop.log_return_difference
+
+
+class LoadSensitivity(FrequencyFunction):
+    name = "load_sensitivity_db"
+    response = Response.LOAD_SENSITIVITY
+    meaning = "|P S| = |P/(1 + L)|: from a load at the plant's input to output"
+
+    def natural(self, loop: LoopSymbols) -> Any:
+        return loop.log_plant - loop.log_return_difference
 
 
 class LoopGain(FrequencyFunction):

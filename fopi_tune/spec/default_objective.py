@@ -28,6 +28,9 @@ def asks_to_act(requirement: Requirement) -> bool:
     """Whether a requirement bounds the loop's speed from below, so that a controller that is off misses it."""
     if requirement.quantity in _ACTING:
         return math.isfinite(requirement.lower)
+    if requirement.quantity == "load_sensitivity_db":
+        # without a controller |P S| is |P|
+        return math.isfinite(requirement.upper)
     return requirement.quantity == "sensitivity_db" and requirement.upper < 0.0
 
 

@@ -1,4 +1,4 @@
-"""Global extremes of |S|, |T|, |CS| and |L| against dense scans, limits and closed forms."""
+"""Global extremes of |S|, |T|, |CS|, |PS| and |L| against dense scans, limits and closed forms."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response, extremes, log_response_at
 from fopi_tune.core.plant import Plant
 
-S, T, CS, L = (
+S, T, CS, L, PS = (
     Response.SENSITIVITY,
     Response.COMPLEMENTARY_SENSITIVITY,
     Response.CONTROL_SENSITIVITY,
     Response.LOOP_GAIN,
+    Response.LOAD_SENSITIVITY,
 )
 
 
@@ -34,8 +35,11 @@ def direct(controller: FoPi, plant: Plant, response: Response, omega: np.ndarray
     """ln of the response, written down anew."""
     s = 1j * omega
     c = controller.kp + controller.ki * s**-controller.alpha
-    loop = c * np.polyval(plant.numerator, s) / np.polyval(plant.denominator, s) * np.exp(-s * plant.dead_time_s)
-    value = {S: 1.0 / (1.0 + loop), T: loop / (1.0 + loop), CS: c / (1.0 + loop), L: loop}[response]
+    p = np.polyval(plant.numerator, s) / np.polyval(plant.denominator, s) * np.exp(-s * plant.dead_time_s)
+    loop = c * p
+    value = {S: 1.0 / (1.0 + loop), T: loop / (1.0 + loop), CS: c / (1.0 + loop), PS: p / (1.0 + loop), L: loop}[
+        response
+    ]
     return np.log(np.abs(value))
 
 
@@ -114,6 +118,30 @@ def test_all_frequencies_are_at_least_as_extreme_as_any_band() -> None:
                 everywhere = sign * found(controller, plant, response, largest=largest)[0]
                 band = sign * scanned(controller, plant, response, 1e-4, 1e4, sign)
                 assert everywhere >= band - 2e-7, (controller, plant, response, largest)
+
+
+# --- the load's response ---------------------------------------------------------------------------------------------
+
+
+def test_a_proportional_gain_on_an_integrator_leaves_the_inverse_gain_of_a_slow_load() -> None:
+    # P S = 1/(s + kp)
+    assert found(FoPi(2.5, 0.0, 1.0), Plant((1.0,), (1.0, 0.0)), PS) == (pytest.approx(-math.log(2.5), abs=1e-12), 0.0)
+
+
+def test_a_pi_that_cancels_a_lag_leaves_a_load_with_its_closed_form_peak() -> None:
+    # P = k/(tau s + 1), C = kp (1 + 1/(tau s)):  P S = k tau s/((tau s + 1)(tau s + k kp)), largest at sqrt(k kp)/tau
+    k, tau, kp = 2.0, 3.0, 1.4
+    value, omega = found(FoPi(kp, kp / tau, 1.0), Plant((k,), (tau, 1.0)), PS)
+    # the search divides cells until their bound is within 1e-10 of the best value
+    assert value == pytest.approx(math.log(k / (1.0 + k * kp)), abs=1e-9)
+    assert omega == pytest.approx(math.sqrt(k * kp) / tau, rel=1e-4)
+
+
+def test_the_loads_response_vanishes_at_both_ends_behind_an_integral_and_a_lag() -> None:
+    for dead_time_s in (0.0, 0.7):
+        value, omega = found(FoPi(1.0, 0.5, 1.2), Plant((1.0,), (2.0, 1.0), dead_time_s), PS, largest=False)
+        assert value == -math.inf
+        assert omega in (0.0, math.inf)
 
 
 # --- closed forms and published numbers ----------------------------------------------------------------------------

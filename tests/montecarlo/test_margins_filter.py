@@ -17,7 +17,7 @@ from fopi_tune.montecarlo.margins import MarginScan
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import DigitalSpec, Relation, Requirement
 
-UPPER = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
+UPPER = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db", "load_sensitivity_db")
 LOWER = ("phase_margin_deg", "gain_margin_db", "delay_margin_s", "crossover_rad_s")
 
 

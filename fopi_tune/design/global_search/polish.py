@@ -27,6 +27,8 @@ from fopi_tune.design.global_search.compiled import (
     MARGIN_SPREAD,
     NOTHING,
     PHASE_MARGIN,
+    PS,
+    PS_PEAK,
     S_PEAK,
     Rows,
     S,
@@ -86,6 +88,7 @@ _MOST_FREED, _SAME_PLACE = 4, 0.2
 _OBJECTIVE_ROWS = {
     S_PEAK: ((S, 1),),
     CS_PEAK: ((CS, 1),),
+    PS_PEAK: ((PS, 1),),
     MARGIN_SPREAD: ((PHASE_MARGIN, 1), (PHASE_MARGIN, -1)),
     CROSSOVER_SPREAD: ((GAIN_AT_REFERENCE, 1),),
     IAE: ((DISCOUNTED_ERROR, 1),),

@@ -20,6 +20,7 @@ from fopi_tune.design.global_search.compiled import (
     GAIN_MARGIN,
     LOOP_GAIN,
     PHASE_MARGIN,
+    PS,
     S,
     T,
     compiled,
@@ -87,10 +88,13 @@ def value_at(kind, x, plant, v, near):
     if kind in (PHASE_MARGIN, DELAY_MARGIN):
         lag = (phase + _PI) % (2.0 * _PI)
         return min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-log_omega_of(v, half_of(x)))
-    if kind in (S, T, CS):
+    if kind in (S, T, CS, PS):
         linear = math.exp(gain)
         log_s = -0.5 * math.log(max(1.0 + linear * (linear + 2.0 * math.cos(phase)), 1e-300))
-        return log_s + (0.0 if kind == S else (gain if kind == T else log_c + log_filter_at(plant, v)))
+        if kind in (S, T):
+            return log_s + (gain if kind == T else 0.0)
+        log_c += log_filter_at(plant, v)
+        return log_s + (log_c if kind == CS else gain - log_c)
     above, below = loop_at(x, plant, v + _STEP, near)[1], loop_at(x, plant, v - _STEP, near)[1]
     return (above - below) / (2.0 * _STEP) * math.log(10.0) / stretch_of(v, half_of(x))
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, Complex
+from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parametric.family import ParametricFamily
@@ -284,6 +284,7 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     at_end = np.where(np.abs(high_slope) < 1e-9, end_gain - log_gain, np.sign(high_slope) * END)
     at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)
     gain = np.clip(np.column_stack([at_zero, gain, at_end]), -END, END)
+    plant_gain = gain if filtered is None else _unfiltered_gain(plants, rows, all_u, log_gain)
     end_phase = np.where(plants.dead_time_s > 0, phase[:, -1], end_phase)
     phase = np.column_stack([form.phase0, phase, end_phase])
     v = u - math.log(omega_s if samples is None else samples.half)
@@ -311,8 +312,18 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
         v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), delay,
         plants.unstable_poles.astype(np.int64), form.phase0 - 0.5 * np.pi * form.slope0,
         form.slope0.astype(float), high_slope.astype(float), alias, error_gain, members, points.astype(float),
-        log_omega, np.ascontiguousarray(late), scaled.sampling, filter_gain,
+        log_omega, np.ascontiguousarray(late), scaled.sampling, filter_gain, np.ascontiguousarray(plant_gain),
     )  # fmt: skip
+
+
+def _unfiltered_gain(plants: Plants, rows: Rows, u: Array, log_gain: float) -> Array:
+    """ln|P| of a table's columns, without the measurement filter."""
+    form = plants.log
+    inside = form.value(rows, u).real.reshape(len(plants), -1) - log_gain
+    high_slope = form.slope_end()
+    at_end = np.where(np.abs(high_slope) < 1e-9, form.end()[0] - log_gain, np.sign(high_slope) * END)
+    at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)
+    return np.clip(np.column_stack([at_zero, inside, at_end]), -END, END)
 
 
 def _filter_in_table(scaled: Scaled) -> MeasurementFilter | None:

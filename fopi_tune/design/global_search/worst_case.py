@@ -20,6 +20,7 @@ from fopi_tune.design.global_search.compiled import (
     GAIN_MARGIN,
     LOOP_GAIN,
     PHASE_MARGIN,
+    PS,
     S,
     T,
     compiled,
@@ -97,6 +98,8 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
                 value = -0.5 * math.log(square)
             elif kind == T:
                 value += -0.5 * math.log(square)
+            elif kind == PS:
+                value = table.plant_gain[i, j] - 0.5 * math.log(square)
             else:
                 value = work.controller[0, j] + table.filter_gain[j] - 0.5 * math.log(square)
         y[j] = inner_slack(side, rows.limit[q], rows.scale[q], value)

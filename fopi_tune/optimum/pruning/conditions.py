@@ -102,6 +102,7 @@ class Conditions:
 _PEAKS = {
     ObjectiveKind.SENSITIVITY_PEAK: Response.SENSITIVITY,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: Response.CONTROL_SENSITIVITY,
+    ObjectiveKind.LOAD_SENSITIVITY_PEAK: Response.LOAD_SENSITIVITY,
 }
 
 

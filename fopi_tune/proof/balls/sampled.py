@@ -304,6 +304,22 @@ class SampledLoopEnclosure(LoopEnclosure):
         assert delay is not None, "a hold is late by a sample at least"
         return top * delay, bottom
 
+    @computed_once
+    def _plant_top(self) -> acb:
+        """The numerator of P over `_plant_bottom`, without the measurement filter; `delay` has the plant's gain."""
+        bottom, top = self.loop.filter_bottom, self.plant.top
+        if not self.at.is_beyond_one:
+            return super()._plant_top
+        if bottom is None:
+            return self._over_power[0]
+        inverse, missing = self.at.inverse, self.degree - bottom.degree - top.degree
+        return top.reversed.at(inverse) * inverse**missing * bottom.reversed.at(inverse)
+
+    @property
+    def _plant_bottom(self) -> acb:
+        """D, over the same power."""
+        return self._over_power[1] if self.at.is_beyond_one else self.d
+
     def term_share(self, power: int, coefficient: arb, above: bool) -> acb:
         """coefficient w^power over N, or over D."""
         if not self.at.is_beyond_one:

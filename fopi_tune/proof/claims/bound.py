@@ -1,6 +1,7 @@
-"""The claim that a response stays below (or above) a level:  |S|, |T|, |C S| or |L| over a band, for every plant.
+"""The claim that |S|, |T|, |C S|, |P S| or |L| stays below (or above) a level over a band, for every plant.
 
-d ln|S| = -Re(T d ln L),   d ln|T| = Re(S d ln L),   d ln|C S| = Re(d ln C - T d ln L),   d ln|L| = Re(d ln L)
+d ln|S| = -Re(T d ln L),   d ln|T| = Re(S d ln L),   d ln|C S| = Re(d ln C - T d ln L),   d ln|L| = Re(d ln L),
+d ln|P S| = Re(S d ln L - d ln C)
 """
 
 from __future__ import annotations
@@ -94,11 +95,14 @@ class Bound(LoopClaim):
                 Response.SENSITIVITY: arb(1),
                 Response.COMPLEMENTARY_SENSITIVITY: size,
                 Response.CONTROL_SENSITIVITY: over.noise_gain.abs_upper(),
+                Response.LOAD_SENSITIVITY: over.plant_size[1],
                 Response.LOOP_GAIN: size * (1 - size),
             }[self.response]
             return bool(top / (1 - size) <= limit)
         if self.response is Response.SENSITIVITY:
             return bool(1 / (1 + size) >= limit)
+        if self.response is Response.LOAD_SENSITIVITY:
+            return bool(over.plant_size[0] / (1 + size) >= limit)
         return self.response is Response.CONTROL_SENSITIVITY and bool(over.noise_gain.abs_lower() / (1 + size) >= limit)
 
     def _slopes(self, over: LoopEnclosure, tail: bool) -> list[arb | None]:
@@ -108,9 +112,12 @@ class Bound(LoopClaim):
         slopes: list[arb | None] = [None] if tail else []
         if self.response is Response.LOOP_GAIN:
             return slopes + [g.real for g in gradient]
-        if self.response is Response.COMPLEMENTARY_SENSITIVITY:
+        if self.response in (Response.COMPLEMENTARY_SENSITIVITY, Response.LOAD_SENSITIVITY):
             factor = over.sensitivity
-            return slopes + [(factor * g).real for g in gradient]
+            found = [(factor * g).real for g in gradient]
+            if self.response is Response.LOAD_SENSITIVITY and not tail:
+                found[0] = found[0] - (over.controller_slope + over.at.filter_slope).real
+            return slopes + found
         factor = over.complementary
         found = [-(factor * g).real for g in gradient]
         if self.response is Response.CONTROL_SENSITIVITY and not tail:
@@ -146,4 +153,6 @@ def response_of(at: LoopEnclosure, response: Response) -> acb:
         return at.sensitivity
     if response is Response.COMPLEMENTARY_SENSITIVITY:
         return at.complementary
+    if response is Response.LOAD_SENSITIVITY:
+        return at.load_sensitivity
     return at.control_sensitivity if response is Response.CONTROL_SENSITIVITY else at.gain

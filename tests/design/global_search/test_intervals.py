@@ -51,6 +51,9 @@ REQUIREMENTS = [
     "crossover_rad_s: {at_most: 1.2}",
     "phase_slope_deg_per_decade: {at_least: -60}",
     "phase_slope_deg_per_decade: {at_most: -10}",
+    "load_sensitivity_db: {at_most: -2}",
+    "load_sensitivity_db: {at_most: -20}, to_rad_s: 0.1",
+    "load_sensitivity_db: {at_least: -30}, at_rad_s: 0.1",
 ]
 RAYS = [
     (0.5, 1.0, 0.3),
