@@ -189,6 +189,8 @@ def _contradicts_itself(problem: Problem, rows: Rows, target: float, table: Tabl
             return True
     for q in np.flatnonzero(rows.side < 0):
         both = (rows.kind == rows.kind[q]) & (rows.side > 0) & (rows.limit < rows.limit[q] - 1e-12)
+        # of lines over ln omega nothing is said here
+        both &= (rows.tilt == 0.0) & (rows.tilt[q] == 0.0)
         both &= (rows.first <= rows.last[q]) & (rows.last >= rows.first[q])
         if np.any(both):
             return True
@@ -251,7 +253,7 @@ def _deeper(rows: Rows, slack: float) -> Array:
 
 
 def _joined(rows: Rows, kind: int, side: int, limit: float, first: int, last: int) -> Rows:
-    more = (kind, side, limit, False, first, last, 1.0, False, -math.inf, math.inf, False)
+    more = (kind, side, limit, False, first, last, 1.0, False, -math.inf, math.inf, False, 0.0)
     return Rows(*(np.append(old, np.array([new], dtype=old.dtype)) for old, new in zip(rows, more, strict=True)))
 
 

@@ -142,7 +142,7 @@ class Problem:
 
         |C S| is |F| times that of such a loop, so that its limit is M/|F|; that of |P S| is M |F|.
         """
-        limit, bottom = (2 * condition.level).exp(), self.unit_loop.filter_bottom
+        limit, bottom = (2 * condition.level_at(omega)).exp(), self.unit_loop.filter_bottom
         if bottom is None or condition.response not in (Response.CONTROL_SENSITIVITY, Response.LOAD_SENSITIVITY):
             return limit
         square = abs(bottom.at(acb(0, arb(omega)))) ** 2

@@ -31,7 +31,8 @@ def asks_to_act(requirement: Requirement) -> bool:
     if requirement.quantity == "load_sensitivity_db":
         # without a controller |P S| is |P|
         return math.isfinite(requirement.upper)
-    return requirement.quantity == "sensitivity_db" and requirement.upper < 0.0
+    least = requirement.upper if requirement.end_limit is None else min(requirement.upper, requirement.end_limit)
+    return requirement.quantity == "sensitivity_db" and least < 0.0
 
 
 def with_default_objective(spec: DesignSpec) -> DesignSpec:

@@ -37,6 +37,10 @@ def test_the_scan_of_drawn_plants_is_the_exact_search(terms: FoPi, order: int) -
         asked = Requirement(name, Relation.AT_MOST if upper else Relation.AT_LEAST, (1.0,))
         wanted = QUANTITIES[name].measure(loops, upper, 0.0, np.inf).value
         np.testing.assert_allclose(scan.measure(asked, upper), wanted, rtol=1e-7, atol=1e-7)
+        if name in UPPER:
+            line = Requirement(name, Relation.AT_MOST, (1.0,), from_rad_s=0.3, to_rad_s=9.0, end_limit=-14.0)
+            wanted_line = QUANTITIES[name].measure(loops, True, 0.3, 9.0, line.tilt).value
+            np.testing.assert_allclose(scan.measure(line, True), wanted_line, rtol=1e-7, atol=1e-7)
         # |T| is largest as omega -> 0, where the filter passes all
         assert (
             name == "complementary_sensitivity_db"

@@ -12,15 +12,20 @@ from cases.limits_told_apart import outcomes
 from cases.plants import lag, pole, spec_of, transfer_function
 from cases.random_pids import mirrored, on_samples, pid_for, plants_of, sized, uncertain
 from cases.sampled_limits_told_apart import outcomes as sampled_outcomes
+from flint import ctx
 from oracles.pid_loops import PidFamily
 
 import fopi_tune as ft
 from fopi_tune.core.controller import Pid
 from fopi_tune.core.measurement_filter import MeasurementFilter
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof import certify, recheck, verify
+from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.proof.certificate import Certificate, Verdict
+from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.branch_and_bound import search
 from fopi_tune.proof.documents import to_document
 from fopi_tune.quantities.base import NEPER_PER_DB
 from fopi_tune.spec.model import Relation, Requirement
@@ -143,3 +148,23 @@ def test_a_band_holds_what_lies_in_it_alone() -> None:
     assert side.witness is not None
     # the limit is 1e-4 dB away
     assert abs(side.witness / NEPER_PER_DB - value) < 2e-4
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_towards_nyquists_frequency_the_plants_gain_counts(order: int) -> None:
+    bottom = (1.0, 1.0) if order == 1 else (1.0, 2.0, 1.0)
+    plants = transfer_function([100.0], bottom)
+    pid = Pid(0.01, 0.001, 0.0, 0.1)
+    loop = SampledBallLoop(pid, plants, Implementation(on_samples(pid, 0.5), 0.3))
+    # |P S| falls towards Nyquist's frequency, where it is this
+    found = extremes(loop.loops_at(np.zeros((1, 0))), Response.LOAD_SENSITIVITY, 5.0, math.inf, largest=False)
+    at = float(found.value[0])
+    assert found.omega_rad_s[0] == pytest.approx(np.pi / 0.5)
+    with ctx.workprec(64):
+        for upper, sign in ((True, 1.0), (False, -1.0)):
+            beyond, short = (
+                Bound(loop, Response.LOAD_SENSITIVITY, at + sign * step, upper, ((8.0, math.inf),), 0.0)
+                for step in (1e-3, -1e-3)
+            )
+            assert beyond.examine(beyond.domain).leaf is not None or search(beyond, 200).shown
+            assert short.examine(short.domain).leaf is None

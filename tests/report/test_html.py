@@ -24,7 +24,7 @@ from cases.reports import BRAKE, brake_documents, brake_files, brake_page, run_o
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -293,6 +293,25 @@ def test_the_loads_response_is_drawn_with_its_limit_where_the_spec_asks_for_it()
     assert (left, bottom, right, top) == (0.5, 3.0, axes.get_xlim()[1], axes.get_ylim()[1])
     assert "load sensitivity P S" in picture.description
     assert ", P S " in picture.description
+
+
+def test_a_limit_by_the_frequency_is_hatched_beyond_its_line() -> None:
+    members = pi_members()
+    lines = [
+        Requirement("sensitivity_db", Relation.AT_MOST, (-30.0,), from_rad_s=0.01, to_rad_s=0.1, end_limit=-10.0),
+        Requirement(
+            "complementary_sensitivity_db", Relation.AT_LEAST, (-3.0,), from_rad_s=0.1, to_rad_s=1.0, end_limit=-12.0
+        ),
+    ]
+    spec = members.documents.spec
+    spec = replace(spec, requirements=(*spec.requirements[:-2], *lines))
+    s_axes, t_axes, _ = axes_of(sensitivities(replace(members, documents=replace(members.documents, spec=spec))))
+    (above,) = [patch for patch in s_axes.patches if isinstance(patch, Polygon)]
+    (below,) = [patch for patch in t_axes.patches if isinstance(patch, Polygon)]
+    top, bottom = s_axes.get_ylim()[1], t_axes.get_ylim()[0]
+    assert above.get_xy()[:-1].tolist() == [[0.01, -30.0], [0.1, -10.0], [0.1, top], [0.01, top]]
+    assert below.get_xy()[:-1].tolist() == [[0.1, -3.0], [1.0, -12.0], [1.0, bottom], [0.1, bottom]]
+    assert above.get_hatch() == "////"
 
 
 def test_drawn_steps_are_the_closed_form() -> None:

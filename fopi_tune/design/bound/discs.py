@@ -171,7 +171,7 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
         union_low, union_high, inverse, least = 0.0, -np.inf, math.exp(-limit), -BEYOND
         most = BEYOND
         for j in range(first, last + 1):
-            scaled = inverse
+            scaled = inverse if rows.tilt[q] == 0.0 else inverse * math.exp(-rows.tilt[q] * table.log_omega[j])
             if kind == CS:
                 scaled *= math.exp(table.filter_gain[j] - table.gain[i, j])
             elif kind == PS:
@@ -198,10 +198,11 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
     elif kind == LOOP_GAIN:
         low, high = -BEYOND, BEYOND
         for j in range(first, last + 1):
+            here = limit + rows.tilt[q] * table.log_omega[j] - work.gain[i, j]
             if side >= 0:
-                high = min(high, limit - work.gain[i, j] - slopes[DOWN, j])
+                high = min(high, here - slopes[DOWN, j])
             if side <= 0:
-                low = max(low, limit - work.gain[i, j] - slopes[UP, j])
+                low = max(low, here - slopes[UP, j])
         count = forbid_interval(work.forbidden, count, -BEYOND, low)
         count = forbid_interval(work.forbidden, count, high, BEYOND)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):

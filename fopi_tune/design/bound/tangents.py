@@ -114,6 +114,8 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
                     size, real = k * work.square[i, j], k * work.real[i, j]
                     imag = k * (work.controller[1, j] * table.imag[i, j] + work.controller[2, j] * table.real[i, j])
                     bound, sigma = inverse, 1.0
+                    if rows.tilt[q] != 0.0:
+                        bound *= math.exp(-rows.tilt[q] * table.log_omega[j])
                     if kind in (T, CS):
                         part = 1.0 / (size * size)
                         size, real, imag, sigma = 1.0 / size, real * part, -imag * part, -1.0
@@ -132,7 +134,7 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
             elif kind != LOOP_GAIN:
                 continue
             for j in range(first, last + 1):
-                g = work.gain[i, j] + kappa
+                g = work.gain[i, j] + kappa - rows.tilt[q] * table.log_omega[j]
                 if upper and count >= 0 and g + half[0] + slopes[UP, j] > limit:
                     count = _gain_row(1.0, limit, g, j, half, slopes, lin, count)
                 here = lower and count >= 0 and (kind == LOOP_GAIN or j == first)

@@ -196,6 +196,7 @@ class Rows(NamedTuple):
 
     Limits are natural and scaled (neper, radian; times in 1/omega_s, |C| in 1/g_s, |P| in g_s).  `first` and `last` are
     columns of a table, `low_v` and `high_v` the band itself.  `soft` rows need not hold: they only count in the depth.
+    A function of frequency has the limit  limit + tilt ln(omega/omega_s) .
     """
 
     kind: Any
@@ -209,6 +210,7 @@ class Rows(NamedTuple):
     low_v: Any
     high_v: Any
     soft: Any
+    tilt: Any
 
 
 class Box(NamedTuple):

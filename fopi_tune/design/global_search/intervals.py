@@ -113,14 +113,14 @@ def _extreme(v, y, j, first, last):
 
 
 @compiled
-def forbid_band_above(kind, limit, i, first, last, table, work, count):
+def forbid_band_above(kind, limit, tilt, i, first, last, table, work, count):
     """Forbid what exceeds an upper limit of |S|, |T|, |C S| or |P S| somewhere in the band."""
     begin, inverse = -1, math.exp(-2.0 * limit)
     own = S if kind == PS else kind
     for j in range(first, last + 2):
         low, high = 1.0, 0.0
         if j <= last:
-            here = inverse
+            here = inverse if tilt == 0.0 else inverse * math.exp(-2.0 * tilt * table.log_omega[j])
             if kind == CS:
                 here *= math.exp(2.0 * table.filter_gain[j])
             elif kind == PS:
@@ -147,11 +147,11 @@ def forbid_band_above(kind, limit, i, first, last, table, work, count):
 
 
 @compiled
-def range_of_band_below(kind, limit, i, first, last, table, work):
+def range_of_band_below(kind, limit, tilt, i, first, last, table, work):
     """The kappa that stay above a lower limit of |S|, |T|, |C S| or |P S| in the whole band: (low, high)."""
     lower, upper = 0.0, np.inf
     for j in range(first, last + 1):
-        low, high = band_interval(kind, limit, i, j, table, work)
+        low, high = band_interval(kind, limit + tilt * table.log_omega[j], i, j, table, work)
         if high <= low:
             return 1.0, 0.0
         lower, upper = max(lower, low), min(upper, high)
@@ -307,14 +307,15 @@ def forbid_row(q, i, table, rows, work, count):
     low, high = -BEYOND, BEYOND
     if kind < LOOP_GAIN:
         if side > 0:
-            return forbid_band_above(kind, limit, i, first, last, table, work, count)
-        low, high = range_of_band_below(kind, limit, i, first, last, table, work)
+            return forbid_band_above(kind, limit, rows.tilt[q], i, first, last, table, work, count)
+        low, high = range_of_band_below(kind, limit, rows.tilt[q], i, first, last, table, work)
     elif kind == LOOP_GAIN:
         for j in range(first, last + 1):
+            here = limit + rows.tilt[q] * table.log_omega[j] - work.gain[i, j]
             if side > 0:
-                high = min(high, limit - work.gain[i, j])
+                high = min(high, here)
             else:
-                low = max(low, limit - work.gain[i, j])
+                low = max(low, here)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN, GAIN_MARGIN):
         if kind == GAIN_MARGIN:
             found = collect_gain_margins(limit, i, table, work)

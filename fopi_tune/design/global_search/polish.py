@@ -282,6 +282,7 @@ class Polish:
             value, _ = settle(
                 rows.kind[q], float(rows.side[q]), int(f[MODE]), controller_of(gains, table.sampling),
                 self.problem.scaled.member(f[FIELDS:]), f[V], f[NEAR], f[TARGET], *ends, self.problem.box.log_horizon,
+                rows.tilt[q],
             )  # fmt: skip
             if q < self.real_rows and inner_slack(rows.side[q], rows.limit[q], rows.scale[q], value) < -MEETS:
                 kept.append(f)
@@ -390,5 +391,5 @@ def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) ->
         joined(own.limit, [0.0] * count), joined(own.nominal, [False] * count), joined(own.first, [0] * count),
         joined(own.last, [last] * count), joined(own.scale, [1.0] * count), joined(own.in_depth, [False] * count),
         joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
-        joined(own.soft, [False] * count),
+        joined(own.soft, [False] * count), joined(own.tilt, [0.0] * count),
     )  # fmt: skip

@@ -239,11 +239,14 @@ class Problem:
             np.array(low),
             np.array(high),
             np.array([self.free is not None and c.requirement in self.free for c in self.constraints]),
+            np.array([0.0 if c.tilt is None else c.tilt.power for c in self.constraints]),
         )
 
     def _limit(self, constraint: Constraint, kind: int, tighter: float) -> float:
         guard = constraint.requirement == STABILITY_GUARD
         limit = constraint.limit - (0.0 if guard else constraint.bound.value * tighter / constraint.scale)
+        if constraint.tilt is not None:
+            limit -= constraint.tilt.power * math.log(constraint.tilt.omega_rad_s / self.scale.omega_rad_s)
         if kind in (CS, PS):
             return limit + (1.0 if kind == CS else -1.0) * math.log(self.scale.gain)
         if kind == CROSSOVER:

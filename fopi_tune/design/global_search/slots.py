@@ -183,8 +183,9 @@ def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: floa
         # ln|P| = ln|L| - ln|C|
         p[INDEX["log_s"]] = 1.0
         p[INDEX["log_l"]], p[INDEX["log_c"]] = float(kind in (T, PS)), float(kind == CS) - float(kind == PS)
+        p[INDEX["log_omega"]] = -rows.tilt[q]
     elif kind in (LOOP_GAIN, GAIN_AT_REFERENCE):
-        p[INDEX["log_l"]] = 1.0
+        p[INDEX["log_l"]], p[INDEX["log_omega"]] = 1.0, -rows.tilt[q]
         if kind == GAIN_AT_REFERENCE:
             p[INDEX["limit"]] = 0.0
     elif kind == GAIN_MARGIN:

@@ -42,8 +42,8 @@ _NEAR = 0.1
 
 
 @compiled
-def extreme_of_band(kind, largest, kappa, i, first, last, table, work):
-    """The largest or smallest ln of |S|, |T|, |C S|, |P S| or |L| over columns."""
+def extreme_of_band(kind, largest, tilt, kappa, i, first, last, table, work):
+    """The largest or smallest ln of |S|, |T|, |C S|, |P S| or |L| over columns, less tilt ln(omega/omega_s)."""
     k = math.exp(kappa)
     best = -np.inf if largest else np.inf
     for j in range(first, last + 1):
@@ -58,6 +58,8 @@ def extreme_of_band(kind, largest, kappa, i, first, last, table, work):
                 value *= math.exp(2.0 * table.filter_gain[j])
             elif kind == PS:
                 value *= math.exp(2.0 * table.plant_gain[i, j])
+        if tilt != 0.0:
+            value *= math.exp(-2.0 * tilt * table.log_omega[j])
         best = max(best, value) if largest else min(best, value)
     if best <= 0.0:
         return -NOTHING
@@ -93,7 +95,8 @@ def measured(q, kappa, i, table, rows, work):
     """The value of row q's quantity for plant i, the side the row asks about; NOTHING where there is none."""
     kind = rows.kind[q]
     if kind <= LOOP_GAIN:
-        return extreme_of_band(kind, rows.side[q] >= 0, kappa, i, rows.first[q], rows.last[q], table, work)
+        largest, tilt = rows.side[q] >= 0, rows.tilt[q]
+        return extreme_of_band(kind, largest, tilt, kappa, i, rows.first[q], rows.last[q], table, work)
     if kind == GAIN_MARGIN:
         best = NOTHING
         for r in range(work.cross_count[i]):
@@ -149,7 +152,7 @@ def cost(code, kappa, third, c, s, table, rows, box, work):
     if code in (S_PEAK, CS_PEAK, PS_PEAK):
         worst, kind = -NOTHING, S if code == S_PEAK else CS if code == CS_PEAK else PS
         for i in range(m):
-            worst = max(worst, extreme_of_band(kind, True, kappa, i, 0, n - 1, table, work))
+            worst = max(worst, extreme_of_band(kind, True, 0.0, kappa, i, 0, n - 1, table, work))
         return worst
     if code == MARGIN_SPREAD:
         nominal, worst = at_crossovers(PHASE_MARGIN, kappa, 0, table, work), 0.0

@@ -184,32 +184,27 @@ class LoopEnclosure:
     def load_sensitivity(self) -> acb:
         """P S = T/C; the second form where L is large and P may be unbounded."""
         if self.gain.is_finite() and not self.gain.abs_lower() > 1:
-            top = self._plant_top if self.delay is None else self._plant_top * self.delay
-            return top / self._plant_bottom * self.sensitivity
+            top, bottom = self.plant_sides
+            return (top if self.delay is None else top * self.delay) / bottom * self.sensitivity
         top = self.complementary if self.x is None else self.x * self.complementary
         return top / self.noise_gain
 
     @property
     def plant_size(self) -> tuple[arb, arb]:
         """Bounds of |P|, sharp behind a dead time: what |P S| has where |S| = 1."""
-        bottom = self._plant_bottom
-        most = self._plant_top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
-        return self._plant_top.abs_lower() / bottom.abs_upper(), most
+        (top, bottom), gain = self.plant_sides, abs(self.plant.gain.value)
+        most = gain * top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
+        return gain * top.abs_lower() / bottom.abs_upper(), most
 
     @computed_once
-    def _plant_top(self) -> acb:
-        """The numerator of P over `_plant_bottom`, without dead time and measurement filter:  N/D is that of F P."""
+    def plant_sides(self) -> tuple[acb, acb]:
+        """P without delay, `gain` and measurement filter as a quotient:  N/D is F P, and 1/F a polynomial."""
         bottom = self.loop.filter_bottom
         if bottom is None:
-            return self.numerator
+            return self.numerator, self.d
         if not self.high_tail:
-            return self.numerator * bottom.at(self.s)
-        return self._scaled(self.plant.top, self.degree - bottom.degree) * bottom.reversed.at(self.s)
-
-    @property
-    def _plant_bottom(self) -> acb:
-        """D."""
-        return self.d
+            return self.numerator * bottom.at(self.s), self.d
+        return self._scaled(self.plant.top, self.degree - bottom.degree) * bottom.reversed.at(self.s), self.d
 
     # -- derivatives ------------------------------------------------------------------------------------------------
 

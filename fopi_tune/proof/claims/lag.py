@@ -326,6 +326,8 @@ def closed_form(claim: Claim) -> Claim:
     loop = getattr(claim, "loop", None)
     if form is None or loop is None or not has_lag_form(loop) or len(claim.domain) != 2:
         return claim
+    if isinstance(claim, Bound) and claim.line is not None:
+        return claim
     low, high = claim.domain[1]
     if not 0.0 < low < high < math.inf:
         return claim
