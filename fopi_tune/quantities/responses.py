@@ -59,7 +59,7 @@ class ControlSensitivity(FrequencyFunction):
 class LoadSensitivity(FrequencyFunction):
     name = "load_sensitivity_db"
     response = Response.LOAD_SENSITIVITY
-    meaning = "|P S| = |P/(1 + L)|: from a load at the plant's input to output"
+    meaning = "|P S| = |P/(1 + L)|: from a load on the input of the plant to output"
 
     def natural(self, loop: LoopSymbols) -> Any:
         return loop.log_plant - loop.log_return_difference
