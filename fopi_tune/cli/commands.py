@@ -15,6 +15,7 @@ from fopi_tune.cli.gains import GivenGains, number_option
 from fopi_tune.cli.init import (
     FittedOption,
     FromOption,
+    FromTfOption,
     InitOptions,
     InputOption,
     NameArgument,
@@ -359,6 +360,7 @@ def schema(
 def init(
     words: NameArgument = None,
     plant: PlantOption = None,
+    from_tf: FromTfOption = None,
     from_step_data: StepDataOption = None,
     model: FittedOption = None,
     time: TimeOption = None,
@@ -376,11 +378,12 @@ def init(
 
     Beside it the JSON Schema, with which editors complete and check it.
 
+    With --from-tf its plant is a transfer function as people write or print it.
     With --from-step-data its plant is fitted to recordings: CSV files with any columns and any input that moves.
     """
     recordings = tuple(from_step_data or ())
     reading = RecordingOptions(model, time, input, output, sample_time, time_unit, start, end)
-    write_spec(InitOptions(tuple(words or ()), plant, recordings, reading, out, force, not no_schema))
+    write_spec(InitOptions(tuple(words or ()), plant, from_tf, recordings, reading, out, force, not no_schema))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""`fopi init`:  a commented spec, from an example or from recorded step responses, and the schema that editors read."""
+"""`fopi init`:  a commented spec, from an example, a transfer function or recordings, and the schema for editors."""
 
 from __future__ import annotations
 
@@ -60,6 +60,14 @@ NameArgument = Annotated[
     ),
 ]
 PlantOption = Annotated[Model | None, typer.Option("--plant", help="Model of the plant; lag when left out.")]
+FromTfOption = Annotated[
+    str | None,
+    typer.Option(
+        "--from-tf",
+        metavar="TEXT",
+        help="The plant as a transfer function of s: a formula, tf(…), zpk(…), or what MATLAB prints.",
+    ),
+]
 StepDataOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -130,6 +138,7 @@ class InitOptions:
 
     words: tuple[str, ...]
     model: Model | None
+    from_tf: str | None
     recordings: tuple[str, ...]
     reading: RecordingOptions
     out: str | None
@@ -171,6 +180,8 @@ def _name_and_recordings(options: InitOptions) -> tuple[str, tuple[str, ...]]:
     if len(names) > 1:
         hint = "" if options.recordings else "; recordings go after --from-step-data"
         raise bad_input(f"{len(names)} names are given, {names[0]} and {names[1]}; a spec has one{hint}")
+    if options.from_tf is not None and (options.recordings or options.model is not None):
+        raise bad_input("--from-tf gives the plant; leave --plant and --from-step-data out")
     if options.recordings and options.model not in (None, Model.LAG):
         raise bad_input("--from-step-data fits the plant; leave --plant out, and say with --model what to fit")
     if not options.recordings and options.reading != RecordingOptions():
@@ -179,12 +190,14 @@ def _name_and_recordings(options: InitOptions) -> tuple[str, tuple[str, ...]]:
     return name.removesuffix(".yaml"), options.recordings + more
 
 
-# -- from recordings ---------------------------------------------------------------------------------------------------
+# -- from a transfer function or recordings ----------------------------------------------------------------------------
 
 
 def _plant_sections(options: InitOptions, recordings: tuple[str, ...]) -> TemplateSections:
     from fopi_tune.spec.templates.sections import SECTIONS_BY_MODEL
 
+    if options.from_tf is not None:
+        return _written_sections(options.from_tf)
     if not recordings:
         return SECTIONS_BY_MODEL[(options.model or Model.LAG).value]
     from fopi_tune.identification import identify_recordings
@@ -194,6 +207,21 @@ def _plant_sections(options: InitOptions, recordings: tuple[str, ...]) -> Templa
     for line in found.summary():
         say(line)
     return found.sections()
+
+
+def _written_sections(text: str) -> TemplateSections:
+    from fopi_tune.spec.templates.written import sections_for_written
+    from fopi_tune.spec.transfer_functions import from_text
+
+    try:
+        plant = from_text(text)
+    except DomainError as error:
+        raise bad_input(f"--from-tf: {error}") from None
+    about = [f"From the transfer function {' '.join(text.split())}"]
+    if plant.left_out:
+        about.append(f"The common factor {plant.left_out} of numerator and denominator is left out.")
+        say(about[-1])
+    return sections_for_written(plant, about)
 
 
 def _recording(file: str, reading: ReadOptions) -> Recording:

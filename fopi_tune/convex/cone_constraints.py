@@ -153,7 +153,11 @@ class _Responses:
         one, none = np.ones(len(at), dtype=complex), np.zeros((len(at), 2), dtype=complex)
         if response is Response.LOOP_GAIN:
             return loop, d_loop, one, none
-        top = {Response.SENSITIVITY: (one, none), Response.COMPLEMENTARY_SENSITIVITY: (loop, d_loop)}
+        top = {
+            Response.SENSITIVITY: (one, none),
+            Response.COMPLEMENTARY_SENSITIVITY: (loop, d_loop),
+            Response.LOAD_SENSITIVITY: (p, none),
+        }
         return *top.get(response, (c, dc)), 1.0 + loop, d_loop
 
     def crossover_moves(self, at: Rows) -> Array:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fopi_tune.convex.cone_constraints import constraints_at
-from fopi_tune.convex.evaluate import OBJECTIVE, ConstraintPoints, Evaluation, evaluate
+from fopi_tune.convex.evaluate import OBJECTIVE, PEAKS, ConstraintPoints, Evaluation, evaluate
 from fopi_tune.convex.limits import Task
 from fopi_tune.convex.program import Program, Step
 from fopi_tune.core.bode_form import Array
@@ -199,7 +199,7 @@ class ConvexConcaveProcedure:
     def _remembered(self, here: Evaluation) -> ConstraintPoints:
         """The current points and those of frequency functions of earlier rounds, of which the oldest are dropped."""
         bands = [k for k, limit in enumerate(self.task.limits) if limit.where is EvaluatedAt.BAND]
-        peaks = self.task.objective in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK)
+        peaks = self.task.objective in PEAKS
         kept = np.isin(here.points.limit, [*bands, *([OBJECTIVE] if peaks else [])])
         now = here.points.take(np.flatnonzero(kept & (np.abs(here.points.u) < 99.0)))
         points = here.points if self.memory is None else ConstraintPoints.joined([here.points, self.memory])

@@ -247,7 +247,7 @@ class _Evaluator:
             if not len(inside):  # the only limits are gain margins, and all are infinite
                 return ConstraintPoints.of(OBJECTIVE, rows[:1], np.zeros(1), np.array([math.inf]))
             return ConstraintPoints.of(OBJECTIVE, inside.plant, inside.u, inside.slack)
-        if kind in (ObjectiveKind.SENSITIVITY_PEAK, ObjectiveKind.CONTROL_SENSITIVITY_PEAK):
+        if kind in PEAKS:
             found = extremes(self.loops, PEAKS[kind], 0.0, math.inf)
             with np.errstate(divide="ignore"):
                 return ConstraintPoints.of(OBJECTIVE, rows, self.loops.u_of(found.omega_rad_s), -found.value)
@@ -276,6 +276,7 @@ class _Evaluator:
 PEAKS = {
     ObjectiveKind.SENSITIVITY_PEAK: Response.SENSITIVITY,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: Response.CONTROL_SENSITIVITY,
+    ObjectiveKind.LOAD_SENSITIVITY_PEAK: Response.LOAD_SENSITIVITY,
 }
 
 

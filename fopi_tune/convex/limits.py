@@ -178,6 +178,8 @@ def unsupported(spec: DesignSpec) -> str | None:
         known = isinstance(quantity, FrequencyFunction) or requirement.quantity in CROSSING_QUANTITIES
         if not known:
             return f"the convex path does not know {requirement.quantity}; use the solver ipopt"
+        if requirement.end_limit is not None:
+            return f"the convex path does not know {requirement.quantity} by_frequency; use the solver ipopt"
         band = requirement.from_rad_s < requirement.to_rad_s
         if requirement.relation is Relation.EQUALS and quantity.takes_band and band:
             name = requirement.quantity

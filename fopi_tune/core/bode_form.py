@@ -75,6 +75,12 @@ class BodeForm:
     delay: Array
     sums: Array = field(default_factory=lambda: NO_SUMS)
 
+    @classmethod
+    def constant(cls, rows: int) -> BodeForm:
+        """The function 1, `rows` times."""
+        none, zeros = np.zeros((rows, 0)), np.zeros(rows)
+        return cls(zeros, zeros, zeros, none, none, none, none, zeros)
+
     def __add__(self, other: BodeForm) -> BodeForm:
         """The product of the functions."""
         return BodeForm(

@@ -171,6 +171,11 @@ class Loops:
         """The inverse of `omega_of`."""
         return np.log(omega_rad_s)
 
+    @property
+    def log_unit(self) -> float:
+        """On samples ln(2/Ts), with which ln omega = ln atan e^u + ln(2/Ts); nan where ln omega = u."""
+        return np.nan
+
     def stretch(self, u: Array) -> Array:
         """d ln omega/du."""
         return np.ones_like(u)

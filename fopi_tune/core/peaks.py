@@ -1,8 +1,8 @@
-"""Global extremes over frequency of |S|, |T|, |C S| and |L|, by branch and bound:  no peak is missed.
+"""Global extremes over frequency of |S|, |T|, |C S|, |P S| and |L|, by branch and bound:  no peak is missed.
 
 Each response is the reciprocal of a sum K of one or two functions whose logarithms l_i have a Bode form,
 
-    1/S = 1 + L,      1/T = 1 + 1/L,      1/(C S) = 1/C + P,      1/L ,
+    1/S = 1 + L,      1/T = 1 + 1/L,      1/(C S) = 1/C + P,      1/(P S) = 1/P + C,      1/L ,
 
 K(u) = sum_i e^{l_i(u)} with u = ln omega.  On a cell with centre c and half-width h,
 |K - (K(c) + K'(c)(u - c))| <= M h^2/2 where M bounds |K''| = |sum e^{l_i} (l_i'^2 + l_i'')|; so |K| lies between the
@@ -39,6 +39,24 @@ class Response(Enum):
     COMPLEMENTARY_SENSITIVITY = "T"
     CONTROL_SENSITIVITY = "CS"
     LOOP_GAIN = "L"
+    LOAD_SENSITIVITY = "PS"
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """A response R is looked at as  R (omega/omega_0)^-power .
+
+    Args:
+        power: neper a unit of ln omega.
+        omega_rad_s: omega_0, rad/s, greater than 0.
+    """
+
+    power: float
+    omega_rad_s: float
+
+    def log(self, omega_rad_s: Array) -> Array:
+        """ln of the factor that a limit has at frequencies against that at omega_0."""
+        return np.asarray(self.power * np.log(omega_rad_s / self.omega_rad_s))
 
 
 @dataclass(frozen=True)
@@ -90,6 +108,8 @@ def inverse_response(loops: Loops, response: Response) -> _Sum:
         return _Sum(True, (-loops.log,))
     if response is Response.CONTROL_SENSITIVITY:
         return _Sum(False, (-loops.log_controller, loops.plants.log))
+    if response is Response.LOAD_SENSITIVITY:
+        return _Sum(False, (loops.log_controller, -loops.plants.log))
     return _Sum(False, (-loops.log.undelayed(),))
 
 
@@ -101,7 +121,14 @@ def log_response_at(loops: Loops, response: Response, rows: Rows, omega_rad_s: A
         return -np.log(np.abs(k))
 
 
-def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: float, largest: bool = True) -> Extremes:
+def extremes(
+    loops: Loops,
+    response: Response,
+    from_rad_s: float,
+    to_rad_s: float,
+    largest: bool = True,
+    tilt: Tilt | None = None,
+) -> Extremes:
     """The global maximum (or minimum) of a response over a band, for every loop.
 
     Args:
@@ -111,12 +138,15 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
         to_rad_s: upper end; inf for all high frequencies, the limit included.  Sampled loops end at Nyquist's
             frequency, below which `from_rad_s` must lie.
         largest: False for the minimum.
+        tilt: the response is looked at so, over a band with two ends.
 
     Raises:
         DomainError: more cells than the limit (a dead time far beyond the loop's other times).
     """
     to_rad_s = to_rad_s if np.isfinite(loops.u_of(np.array(to_rad_s))) else np.inf
     inverse = inverse_response(loops, response)
+    if tilt is not None and inverse.one:
+        inverse = _Sum(False, (BodeForm.constant(len(loops)), *inverse.terms))
     low, high = _band(loops, inverse, from_rad_s, to_rad_s)
     sign = 1.0 if largest else -1.0
     limits: list[tuple[Array, float]] = []
@@ -125,7 +155,8 @@ def extremes(loops: Loops, response: Response, from_rad_s: float, to_rad_s: floa
     if to_rad_s == np.inf:
         limits.append((sign * _limit(inverse, at_zero=False, sign=sign), loops.highest_rad_s))
     floor = np.max([limit for limit, _ in limits], axis=0) if limits else np.full(len(loops), -np.inf)
-    best, u, cells = _branch_and_bound(inverse, low, high, sign, floor)
+    weight = (0.0, 0.0, 0.0) if tilt is None else (tilt.power, loops.log_unit, np.log(tilt.omega_rad_s))
+    best, u, cells = _branch_and_bound(inverse, low, high, sign, floor, weight)
     where = loops.omega_of(u)
     for limit, omega in limits:
         best, where = _better(best, where, limit, omega)
@@ -203,17 +234,22 @@ def _limit(inverse: _Sum, at_zero: bool, sign: float) -> Array:
     return np.where(np.abs(leading) < 1e-12, constant, np.where(leading < 0, -np.inf, np.inf))
 
 
-def _branch_and_bound(inverse: _Sum, low: Array, high: Array, sign: float, floor: Array) -> tuple[Array, Array, int]:
+def _branch_and_bound(
+    inverse: _Sum, low: Array, high: Array, sign: float, floor: Array, weight: tuple[float, float, float]
+) -> tuple[Array, Array, int]:
     """max over u of sign * (-ln|K|), its u, and the number of cells; a row an interval.
 
-    Cells with a bound below `floor` are dropped.
+    Cells with a bound below `floor` are dropped.  K is multiplied by (omega/omega_0)^power, `weight` being power, the
+    loops' `log_unit` and ln omega_0.
     """
     from fopi_tune.core.compiled.peaks import branch_and_bound
 
     first, *more = (term.terms for term in inverse.terms)
     second = more[0] if more else no_terms()
     low, high, floor = (np.ascontiguousarray(part, dtype=float) for part in (low, high, floor))
-    best, where, work = branch_and_bound(inverse.one, first, second, low, high, sign, floor, _MOST_CELLS)
+    best, where, work = branch_and_bound(
+        inverse.one, first, second, low, high, sign, floor, _MOST_CELLS, *map(float, weight)
+    )
     if work > _MOST_CELLS:
         raise DomainError("the response has too many peaks to search; the dead time is too long for this loop")
     return best, where, work

@@ -96,6 +96,23 @@ class Plant:
                 f"dead_time_s = {self.dead_time_s!r} is negative; a plant cannot answer before it is asked"
             )
 
+    @classmethod
+    def from_control(cls, system: Any, dead_time_s: float = 0.0) -> Plant:
+        """The plant of a continuous `control.TransferFunction` or `control.StateSpace` with one input and one output.
+
+        Coefficients of a TransferFunction are copied; those of a StateSpace are exactly its matrices', rounded once.
+
+        Args:
+            system: stable or not; nothing in it is cancelled.
+            dead_time_s: of the plant, s, which these objects cannot hold.
+
+        Raises:
+            DomainError: an object of another kind, discrete, improper, with several inputs or outputs, or 0.
+        """
+        from fopi_tune.core.external.control_objects import coefficients_of
+
+        return cls(*coefficients_of(system), dead_time_s)
+
 
 @dataclass(frozen=True)
 class PlantModel:

@@ -168,6 +168,11 @@ class SampledLoops(Loops):
             u = np.log(np.sin(inside)) - np.log(np.maximum(np.cos(inside), 0.0))
         return np.where(half >= 0.5 * np.pi, np.inf, u)
 
+    @property
+    def log_unit(self) -> float:
+        """ln(2/Ts)."""
+        return float(np.log(2.0 / self.sections.sample_time_s))
+
     def stretch(self, u: Array) -> Array:
         """d ln omega/du = sin(2x)/(2x) at x = omega Ts/2 = atan(e^u)."""
         cut = np.clip(u, -_U_CAP, _U_CAP)

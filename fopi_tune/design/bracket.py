@@ -24,6 +24,8 @@ from fopi_tune.design.global_search.compiled import (
     LOOP_GAIN,
     MARGIN_SPREAD,
     PHASE_MARGIN,
+    PS,
+    PS_PEAK,
     S_PEAK,
     Rows,
     S,
@@ -187,6 +189,8 @@ def _contradicts_itself(problem: Problem, rows: Rows, target: float, table: Tabl
             return True
     for q in np.flatnonzero(rows.side < 0):
         both = (rows.kind == rows.kind[q]) & (rows.side > 0) & (rows.limit < rows.limit[q] - 1e-12)
+        # of lines over ln omega nothing is said here
+        both &= (rows.tilt == 0.0) & (rows.tilt[q] == 0.0)
         both &= (rows.first <= rows.last[q]) & (rows.last >= rows.first[q])
         if np.any(both):
             return True
@@ -224,8 +228,9 @@ def _beating(problem: Problem, table: Table, cost: float, gap: float) -> tuple[R
         limit = _deeper(rows, step - cost)
         at = np.array([np.argmin(np.abs(table.log_omega - log_omega)) for log_omega in limit])
         return rows._replace(limit=limit, first=np.where(rows.kind == CROSSOVER, at, rows.first)), 0.0
-    if problem.code in (S_PEAK, CS_PEAK):
-        return _joined(rows, S if problem.code == S_PEAK else CS, 1, cost - step, 0, last), 0.0
+    peaks = {S_PEAK: S, CS_PEAK: CS, PS_PEAK: PS}
+    if problem.code in peaks:
+        return _joined(rows, peaks[problem.code], 1, cost - step, 0, last), 0.0
     kind = PHASE_MARGIN if problem.code == MARGIN_SPREAD else CROSSOVER
     fixed = [k for k, c in enumerate(problem.constraints) if c.bound is Bound.EQUAL and rows.kind[k] == kind]
     if not fixed:
@@ -248,7 +253,7 @@ def _deeper(rows: Rows, slack: float) -> Array:
 
 
 def _joined(rows: Rows, kind: int, side: int, limit: float, first: int, last: int) -> Rows:
-    more = (kind, side, limit, False, first, last, 1.0, False, -math.inf, math.inf, False)
+    more = (kind, side, limit, False, first, last, 1.0, False, -math.inf, math.inf, False, 0.0)
     return Rows(*(np.append(old, np.array([new], dtype=old.dtype)) for old, new in zip(rows, more, strict=True)))
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi, FoPid, Pid, derivative_of
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.peaks import Tilt
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.quantities import QUANTITIES, Quantity
 from fopi_tune.quantities.base import EvaluatedAt
@@ -56,6 +57,7 @@ class Constraint:
         scale: multiplies the slack; see `Quantity.natural_scale`.
         nominal: whether it holds for the nominal plant only.
         from_rad_s, to_rad_s: the band, for frequency functions.
+        tilt: of a limit that is a line over ln omega; `limit` is then that at its lower end.
         in_depth: whether its slack counts when the smallest slack is the objective.
     """
 
@@ -69,6 +71,7 @@ class Constraint:
     from_rad_s: float
     to_rad_s: float
     in_depth: bool
+    tilt: Tilt | None = None
 
     @property
     def where(self) -> EvaluatedAt:
@@ -146,6 +149,7 @@ def _constraint(index: int, requirement: Requirement, bound: Bound, limit: float
         from_rad_s=requirement.from_rad_s,
         to_rad_s=requirement.to_rad_s,
         in_depth=in_depth,
+        tilt=requirement.tilt,
     )
 
 

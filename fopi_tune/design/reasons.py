@@ -271,7 +271,8 @@ def has_negative_gain(plants: Plants) -> bool:
 
 def describe(requirement: Requirement) -> str:
     """A requirement as a short phrase: "phase_margin_deg at_least 80 (family)"."""
-    limits = " .. ".join(f"{limit:g}" for limit in requirement.limits)
+    ends = (*requirement.limits, *([] if requirement.end_limit is None else [requirement.end_limit]))
+    limits = " .. ".join(f"{limit:g}" for limit in ends)
     low, high = requirement.from_rad_s, requirement.to_rad_s
     band = ""
     if low == high:

@@ -45,6 +45,7 @@ _PUBLIC_UNIT = {
     ObjectiveKind.CROSSOVER_SPREAD: 1.0 / NEPER_PER_DB,
     ObjectiveKind.SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
+    ObjectiveKind.LOAD_SENSITIVITY_PEAK: 1.0 / NEPER_PER_DB,
 }
 #: a term smaller than this part of the other one, in scaled gains, may be better left out
 _VANISHING = 0.05
@@ -313,7 +314,7 @@ def public_objective(problem: Problem, cost: float) -> float:
     if problem.objective is ObjectiveKind.IAE_DISTURBANCE:
         # the cost is ln of the error P/(1 + C P) in scaled numbers
         return problem.error_unit * math.exp(min(cost, 600.0))
-    return (cost - problem.cs_peak_offset) * _PUBLIC_UNIT[problem.objective]
+    return (cost - problem.peak_offset) * _PUBLIC_UNIT[problem.objective]
 
 
 def multipliers_of(problem: Problem, best: Polished) -> tuple[float | None, ...]:

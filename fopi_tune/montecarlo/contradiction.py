@@ -63,7 +63,7 @@ def _of_scenarios(evidence: Evidence, certificate: Certificate) -> Iterator[str]
 
 def _key(r: Requirement) -> tuple[object, ...]:
     """Equal for requirements that demand the same."""
-    return r.quantity, r.relation, r.limits, r.scope, r.from_rad_s, r.to_rad_s
+    return r.quantity, r.relation, r.limits, r.scope, r.from_rad_s, r.to_rad_s, r.end_limit
 
 
 def _bound(proof: RequirementProof, upper: bool) -> float | None:

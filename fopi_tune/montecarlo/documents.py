@@ -65,6 +65,7 @@ def _outcome(outcome: OutcomeStatistics) -> dict[str, Any]:
             "name": requirement.quantity,
             "relation": requirement.relation.value,
             "limits": list(requirement.limits),
+            **({} if requirement.end_limit is None else {"limit_at_to_rad_s": requirement.end_limit}),
             "side": "at_most" if outcome.upper else "at_least",
         }
     elif outcome.limit is not None:

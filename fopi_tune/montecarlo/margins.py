@@ -17,7 +17,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.crossings import Crossings, negative_ends
-from fopi_tune.core.peaks import Response
+from fopi_tune.core.peaks import Response, Tilt
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_poles_from
 from fopi_tune.quantities import QUANTITIES
@@ -156,7 +156,9 @@ class MarginScan:
         """
         quantity = QUANTITIES[requirement.quantity]
         if isinstance(quantity, FrequencyFunction):
-            found = self.extreme(quantity.response, requirement.from_rad_s, requirement.to_rad_s, largest)
+            found = self.extreme(
+                quantity.response, requirement.from_rad_s, requirement.to_rad_s, largest, requirement.tilt
+            )
             return found / NEPER_PER_DB
         if not isinstance(quantity, QuantityAtCrossings):
             raise TypeError(f"{requirement.quantity} is neither a response nor read at a crossing")
@@ -164,7 +166,9 @@ class MarginScan:
         found = quantity.at_crossings(self.loops, self.phase_crossings if at_phase else self.gain_crossings)
         return (found.where(self.unstable_poles < 0.5) if quantity.is_margin else found).value
 
-    def extreme(self, response: Response, from_rad_s: float, to_rad_s: float, largest: bool) -> Array:
+    def extreme(
+        self, response: Response, from_rad_s: float, to_rad_s: float, largest: bool, tilt: Tilt | None = None
+    ) -> Array:
         """ln of the largest (or smallest) value of a response over a band, shape (m,)."""
         ends = float(self._shared[0]), float(self._shared[-1])
         first = float(self.loops.u_of(np.array(from_rad_s))) if from_rad_s > 0.0 else ends[0]
@@ -175,13 +179,26 @@ class MarginScan:
         u = np.clip(np.pad(self.u, ((0, 0), (1, 1)), constant_values=((0.0, 0.0), (first, last))), first, last)
         log = np.concatenate([self._at(rows, first), self.log_gain, self._at(rows, last)], axis=1)
         sign = 1.0 if largest else -1.0
-        values = sign * _response(log, self._log_controller(u), response)
+        values = sign * _response(log, self._own_factor(u, response), response)
+        values = values - sign * self._tilted(u, tilt)
         values = np.where(np.isnan(values) | ~inside, -np.inf, values)
         best = values.max(axis=1)
         for k in _highest(values):
             low, high = u[rows, np.maximum(k - 1, 0)], u[rows, np.minimum(k + 1, u.shape[1] - 1)]
-            best = np.maximum(best, self._polished(rows, low, high, response, sign))
+            best = np.maximum(best, self._polished(rows, low, high, response, sign, tilt))
         return sign * best
+
+    def _tilted(self, u: Array, tilt: Tilt | None) -> Array | float:
+        """What a tilt takes from the ln of a response."""
+        return 0.0 if tilt is None else tilt.log(self.loops.omega_of(u))
+
+    def _own_factor(self, u: Array, response: Response) -> Complex:
+        """What a response has beside S on a grid of shape (m, n):  ln P of |P S|, else ln C."""
+        if response is not Response.LOAD_SENSITIVITY:
+            return self._log_controller(u)
+        rows = np.repeat(np.arange(len(u)), u.shape[1])
+        with np.errstate(all="ignore"):
+            return np.asarray(np.log(self.loops.plants.at(rows, u.ravel())).reshape(u.shape), dtype=complex)
 
     def _log_controller(self, u: Array) -> Complex:
         """ln C on a grid of shape (m, n)."""
@@ -192,14 +209,17 @@ class MarginScan:
     def _at(self, rows: Rows, u: float) -> Complex:
         return self.loops.log_response(rows, np.full(len(rows), u))[:, None]
 
-    def _polished(self, rows: Rows, low: Array, high: Array, response: Response, sign: float) -> Array:
+    def _polished(
+        self, rows: Rows, low: Array, high: Array, response: Response, sign: float, tilt: Tilt | None
+    ) -> Array:
         """The maxima within brackets, by golden-section search."""
 
         def value(u: Array) -> Array:
             controller: Complex = np.log(self.loops.controller_at(u))
             with np.errstate(all="ignore"):
                 plant: Complex = np.log(self.loops.plants.at(rows, u))
-            return sign * _response(controller + plant, controller, response)
+            own = plant if response is Response.LOAD_SENSITIVITY else controller
+            return sign * (_response(controller + plant, own, response) - self._tilted(u, tilt))
 
         a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         at_a, at_b = value(a), value(b)
@@ -228,8 +248,8 @@ def _highest(values: Array) -> list[Rows]:
     return found
 
 
-def _response(log: Complex, controller: Complex, response: Response) -> Array:
-    """ln of |S|, |T|, |C S| or |L| from ln L and ln C."""
+def _response(log: Complex, own: Complex, response: Response) -> Array:
+    """ln of |S|, |T|, |C S|, |P S| or |L| from ln L and ln C, or ln P of |P S|."""
     if response is Response.LOOP_GAIN:
         return log.real
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
@@ -239,4 +259,4 @@ def _response(log: Complex, controller: Complex, response: Response) -> Array:
         difference = np.where(large, log.real, 0.0) + np.log(np.abs(1.0 + small))
     if response is Response.SENSITIVITY:
         return -difference
-    return log.real - difference if response is Response.COMPLEMENTARY_SENSITIVITY else controller.real - difference
+    return log.real - difference if response is Response.COMPLEMENTARY_SENSITIVITY else own.real - difference

@@ -140,12 +140,13 @@ class Problem:
     def squared_limit(self, condition: Condition, omega: float) -> arb:
         """M^2 of a response's limit at a frequency, for C without F and F P in the place of P.
 
-        |C S| is |F| times that of such a loop, so that its limit is M/|F|.
+        |C S| is |F| times that of such a loop, so that its limit is M/|F|; that of |P S| is M |F|.
         """
-        limit, bottom = (2 * condition.level).exp(), self.unit_loop.filter_bottom
-        if condition.response is not Response.CONTROL_SENSITIVITY or bottom is None:
+        limit, bottom = (2 * condition.level_at(omega)).exp(), self.unit_loop.filter_bottom
+        if bottom is None or condition.response not in (Response.CONTROL_SENSITIVITY, Response.LOAD_SENSITIVITY):
             return limit
-        return limit * abs(bottom.at(acb(0, arb(omega)))) ** 2
+        square = abs(bottom.at(acb(0, arb(omega)))) ** 2
+        return limit * square if condition.response is Response.CONTROL_SENSITIVITY else limit / square
 
     def squared_error_limit(self, condition: Condition, p: acb) -> arb:
         """M^2 of |S| from a limit of the discounted error:  T |P/(1 + C F P)| < level at s = 1/T, `p` = F P there."""

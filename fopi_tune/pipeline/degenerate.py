@@ -61,7 +61,7 @@ def design_notes(asked: DesignSpec, design: Design) -> tuple[str, ...]:
         asked: the spec as written.
         design: solved for what it was completed to.
     """
-    notes = [*default_notes(asked), *_noise(asked)]
+    notes = [*default_notes(asked), *_noise(asked), *_beyond_sampling(asked)]
     if design.status is Status.SOLVED and design.gains is not None:
         notes += [*_vanished(asked, design.gains, design.steady_state_error), *_at_ends(asked.controller, design.gains)]
     return tuple(notes)
@@ -100,6 +100,20 @@ def _noise(asked: DesignSpec) -> Iterator[str]:
             "nothing bounds what derivative action costs in noise: add control_sensitivity_db: {at_most: ...} or an "
             f"{'upper' if math.isinf(kd.max) else 'lower'} end of kd"
         )
+
+
+def _beyond_sampling(asked: DesignSpec) -> Iterator[str]:
+    """Of bands of which samples tell a part alone."""
+    if asked.digital is None or not asked.digital.designs_sampled:
+        return
+    nyquist = math.pi / asked.digital.sample_time_s
+    for place, each in enumerate(asked.requirements, 1):
+        if math.isfinite(each.to_rad_s) and each.from_rad_s < nyquist < each.to_rad_s:
+            yield (
+                f"requirement {place}, {each.quantity}: its band reaches to {each.to_rad_s:g} rad/s, and the loop on "
+                f"samples has a response up to Nyquist's frequency, {nyquist:.4g} rad/s: nothing is said of what lies "
+                "above; sample faster for that"
+            )
 
 
 def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:

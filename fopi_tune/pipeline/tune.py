@@ -212,7 +212,7 @@ def _confirmed_relaxation(spec: DesignSpec, relaxation: Relaxation, is_met: Call
         old = requirement.limits[index]
         for limit in _rounded_limits(requirement, old, relaxation.new_limit):
             limits = (*requirement.limits[:index], limit, *requirement.limits[index + 1 :])
-            moved = replace(requirement, limits=limits)
+            moved = requirement.moved(limits)
             others = spec.requirements
             every = (*others[: relaxation.requirement], moved, *others[relaxation.requirement + 1 :])
             if is_met(replace(spec, requirements=every)):

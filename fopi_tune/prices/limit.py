@@ -116,7 +116,7 @@ class MovableLimit:
             others = self.spec.scenario_requirements
             place, moved = self.index - first, replace(requirement, limit=limit)
             return replace(self.spec, scenario_requirements=(*others[:place], moved, *others[place + 1 :]))
-        moved_one = replace(requirement, limits=(limit,))
+        moved_one = requirement.moved((limit,))
         requirements = (*self.spec.requirements[: self.index], moved_one, *self.spec.requirements[self.index + 1 :])
         return replace(self.spec, requirements=requirements)
 

@@ -28,7 +28,7 @@ from fopi_tune.proof.certificate import (
     gap_scale,
     relaxed_limit,
 )
-from fopi_tune.proof.claims.bound import response_of
+from fopi_tune.proof.claims.bound import Line, response_of
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.poles import count_unstable_poles
 from fopi_tune.proof.lists.combine import of_certificates
@@ -337,7 +337,10 @@ class _Side:
             return None
         point = where[1:]
         value = abs(response_of(self.case.loop.at_centre(point_box((where[0], *point))), quantity.response)).log()
-        omega = float(self.case.loop.frequency(arb(where[0]).exp()).mid())
+        frequency = self.case.loop.frequency(arb(where[0]).exp())
+        if (line := Line.of(self.requirement)) is not None:
+            value = value - line.at(frequency)
+        omega = float(frequency.mid())
         place = Place(omega, self.case.family.describe(_array(point)), point)
         return float(arb(value).mid()), place
 

@@ -149,6 +149,7 @@ def _requirement(proof: RequirementProof, case: Case) -> dict[str, Any]:
         "name": requirement.quantity,
         "relation": requirement.relation.value,
         "limits": list(requirement.limits),
+        **({} if requirement.end_limit is None else {"limit_at_to_rad_s": requirement.end_limit}),
         "on": requirement.scope.value,
         "from_rad_s": requirement.from_rad_s,
         "to_rad_s": _finite(requirement.to_rad_s),
@@ -287,8 +288,17 @@ def _read_requirement(entry: JsonObject, case: Case) -> RequirementProof:
     high = math.inf if high is None else high
     if not 0.0 <= low <= high or high == 0.0:
         raise CertificateError(f"{entry.place}: from_rad_s and to_rad_s are no band")
-    requirement = Requirement(name, relation, limits, entry.word("on", Scope), low, high)
+    end_limit = entry.number("limit_at_to_rad_s") if "limit_at_to_rad_s" in entry.value else None
+    if end_limit is not None and not _is_line(name, relation, low, high):
+        raise CertificateError(f"{entry.place}: limit_at_to_rad_s belongs to at_least or at_most over a band")
+    requirement = Requirement(name, relation, limits, entry.word("on", Scope), low, high, end_limit=end_limit)
     return RequirementProof(requirement, tuple(_read_side(side, case) for side in entry.children("sides")))
+
+
+def _is_line(name: str, relation: Relation, low: float, high: float) -> bool:
+    """Whether a limit may be a line over log omega."""
+    of_one_side = relation in (Relation.AT_LEAST, Relation.AT_MOST)
+    return of_one_side and QUANTITIES[name].takes_band and 0.0 < low < high < math.inf
 
 
 def _read_side(entry: JsonObject, case: Case) -> SideProof:

@@ -20,7 +20,7 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.proof.balls.box import Box, Interval, point_box
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.sampled import SampledBallLoop
-from fopi_tune.proof.claims.bound import Bound
+from fopi_tune.proof.claims.bound import Bound, Line
 from fopi_tune.proof.claims.claim import Claim
 from fopi_tune.proof.claims.crossing_quantities import CrossingEvaluator, CrossingQuantity
 from fopi_tune.proof.claims.crossings import EveryCrossover, EveryPhaseCrossover
@@ -212,7 +212,8 @@ def _band(case: Case, requirement: Requirement) -> Interval:
 def _bound(case: Case, requirement: Requirement, upper: bool, level: float, band: Interval, plants: Box) -> Bound:
     quantity = QUANTITIES[requirement.quantity]
     assert isinstance(quantity, FrequencyFunction)
-    return Bound(case.loop, quantity.response, level, upper, (band, *plants), case.origin)
+    line = Line.of(requirement)
+    return Bound(case.loop, quantity.response, level, upper, (band, *plants), case.origin, line)
 
 
 def _level_claims(case: Case, requirement: Requirement, upper: bool, level: float, plants: Box) -> list[Claim]:

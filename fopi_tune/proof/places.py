@@ -84,7 +84,7 @@ def _measured(case: Case, requirement: Requirement, side: SideProof) -> tuple[fl
     """The worst value of the plant stated, public unit, and its frequency, in floating point; nan without one."""
     loops = case.loop.loops_at(np.array([side.worst.point], dtype=float))
     quantity = QUANTITIES[requirement.quantity]
-    found = quantity.measure(loops, side.upper, requirement.from_rad_s, requirement.to_rad_s)
+    found = quantity.measure(loops, side.upper, requirement.from_rad_s, requirement.to_rad_s, requirement.tilt)
     return float(found.value[0]), float(found.omega_rad_s[0])
 
 

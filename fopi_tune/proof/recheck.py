@@ -188,7 +188,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
 
 def _meaning(requirement: Requirement) -> tuple[object, ...]:
     r = requirement
-    return r.quantity, r.relation, r.limits, r.scope, r.from_rad_s, r.to_rad_s
+    return r.quantity, r.relation, r.limits, r.scope, r.from_rad_s, r.to_rad_s, r.end_limit
 
 
 def _stability(certificate: Certificate) -> list[str]:

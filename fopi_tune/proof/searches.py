@@ -19,8 +19,8 @@ from fopi_tune.proof.obligations import Case
 
 #: most boxes for a claim; for a claim that a crossing exists, whose boxes cost more; for a last attempt
 BUDGET, CROSSING_BUDGET, LAST_BUDGET = 60_000, 8_000, 4_000
-#: most work for a requirement, shared by its limits, and for stability: about 6 s and 3 s
-REQUIREMENT_WORK, STABILITY_WORK = 120_000, 60_000
+#: most work for a requirement, shared by its limits, and for stability: about 10 s and 3 s
+REQUIREMENT_WORK, STABILITY_WORK = 220_000, 60_000
 #: share of the work that is left for a search, unless its caller says otherwise
 _SHARE = 0.5
 

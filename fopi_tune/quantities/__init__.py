@@ -12,7 +12,13 @@ from fopi_tune.quantities.delay_margin import DelayMargin
 from fopi_tune.quantities.gain_margin import GainMargin
 from fopi_tune.quantities.phase_margin import PhaseMargin
 from fopi_tune.quantities.phase_slope import PhaseSlope
-from fopi_tune.quantities.responses import ComplementarySensitivity, ControlSensitivity, LoopGain, Sensitivity
+from fopi_tune.quantities.responses import (
+    ComplementarySensitivity,
+    ControlSensitivity,
+    LoadSensitivity,
+    LoopGain,
+    Sensitivity,
+)
 
 QUANTITIES: dict[str, Quantity] = {
     quantity.name: quantity
@@ -24,6 +30,7 @@ QUANTITIES: dict[str, Quantity] = {
         Sensitivity(),
         ComplementarySensitivity(),
         ControlSensitivity(),
+        LoadSensitivity(),
         LoopGain(),
         PhaseSlope(),
     )

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Measured
+from fopi_tune.core.peaks import Tilt
 from fopi_tune.core.stability import is_stable
 
 NEPER_PER_DB = math.log(10.0) / 20.0
@@ -70,6 +71,11 @@ class LoopSymbols(Protocol):
         ...
 
     @property
+    def log_plant(self) -> Any:
+        """ln|P|."""
+        ...
+
+    @property
     def log_omega(self) -> Any:
         """ln(omega / (rad/s))."""
         ...
@@ -118,7 +124,9 @@ class Quantity(ABC):
         """The value in natural units at one frequency, in a solver's symbols or in arrays."""
 
     @abstractmethod
-    def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
+    def measure(
+        self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float, tilt: Tilt | None = None
+    ) -> Measured:
         """The exact value of every loop; of a frequency function the largest or smallest over the band.
 
         Args:
@@ -126,6 +134,7 @@ class Quantity(ABC):
             largest: of a frequency function, the largest value instead of the smallest.
             from_rad_s: lower end of the band; 0 is all low frequencies.
             to_rad_s: upper end; infinite is all high frequencies.
+            tilt: of a frequency function, how it is looked at over a band with two ends.
 
         Returns:
             Values and their frequencies, shape (m,).
@@ -139,7 +148,9 @@ class Quantity(ABC):
 class QuantityAtCrossings(Quantity):
     """A quantity that is read at gain crossovers or phase crossovers."""
 
-    def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
+    def measure(
+        self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float, tilt: Tilt | None = None
+    ) -> Measured:
         crossovers = gain_crossovers(loops)
         crossings = phase_crossovers(loops) if self.where is EvaluatedAt.PHASE_CROSSOVERS else crossovers
         found = replace(self.at_crossings(loops, crossings), work=_CELLS_A_CROSSING * len(crossings.row))

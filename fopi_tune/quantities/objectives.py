@@ -23,6 +23,7 @@ class ObjectiveKind(StrEnum):
     CROSSOVER_SPREAD = "crossover_spread_db"
     SENSITIVITY_PEAK = "sensitivity_peak_db"
     CONTROL_SENSITIVITY_PEAK = "control_sensitivity_peak_db"
+    LOAD_SENSITIVITY_PEAK = "load_sensitivity_peak_db"
     IAE_DISTURBANCE = "iae_disturbance"
     #: no objective in the spec: the smallest slack is maximised
     DEPTH = "depth"

@@ -1,4 +1,4 @@
-"""Quantities that are functions of frequency: |S|, |T|, |C S| and |L| in dB."""
+"""Quantities that are functions of frequency: |S|, |T|, |C S|, |P S| and |L| in dB."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from fopi_tune.core.loops import Loops
 from fopi_tune.core.margins import Measured
-from fopi_tune.core.peaks import Response, extremes
+from fopi_tune.core.peaks import Response, Tilt, extremes
 from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, LoopSymbols, Quantity
 
 
@@ -22,8 +22,10 @@ class FrequencyFunction(Quantity):
     def from_natural(self, value: float) -> float:
         return value / NEPER_PER_DB
 
-    def measure(self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float) -> Measured:
-        found = extremes(loops, self.response, from_rad_s, to_rad_s, largest)
+    def measure(
+        self, loops: Loops, largest: bool, from_rad_s: float, to_rad_s: float, tilt: Tilt | None = None
+    ) -> Measured:
+        found = extremes(loops, self.response, from_rad_s, to_rad_s, largest, tilt)
         return Measured(found.value / NEPER_PER_DB, found.omega_rad_s, found.cells)
 
 
@@ -52,6 +54,15 @@ class ControlSensitivity(FrequencyFunction):
 
     def natural(self, loop: LoopSymbols) -> Any:
         return loop.log_controller - loop.log_return_difference
+
+
+class LoadSensitivity(FrequencyFunction):
+    name = "load_sensitivity_db"
+    response = Response.LOAD_SENSITIVITY
+    meaning = "|P S| = |P/(1 + L)|: from a load on the input of the plant to output"
+
+    def natural(self, loop: LoopSymbols) -> Any:
+        return loop.log_plant - loop.log_return_difference
 
 
 class LoopGain(FrequencyFunction):

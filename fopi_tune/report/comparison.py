@@ -188,7 +188,7 @@ def _requirement_lines(entries: Sequence[ComparedDesign]) -> list[tuple[Comparis
     for key in keys:
         found = [each.get(key) for each in said]
         asked = [pair[0].requirement for pair in found if pair is not None]
-        same = all(r.limits == asked[0].limits for r in asked)
+        same = all((r.limits, r.end_limit) == (asked[0].limits, asked[0].end_limit) for r in asked)
         what = requirement_phrase(asked[0]) if same else asked[0].quantity + _SIDES.get(asked[0].relation, "")
         readings = tuple(None if pair is None else _reading(*pair, own_limit=not same) for pair in found)
         cells = tuple(None if each is None else each.cell for each in readings)

@@ -92,7 +92,8 @@ def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
 
 
 def _worst(found: ReportedRequirement) -> str:
-    place = place_phrase(found.reported["worst"])
+    place, limit = place_phrase(found.reported["worst"]), found.reported.get("limit_at_worst")
+    place += "" if limit is None else f"; the limit there is {number(limit)}"
     if found.reported["outcome"] != "infinite":
         return place
     endless = endless_phrase(found.requirement.quantity)
@@ -101,7 +102,7 @@ def _worst(found: ReportedRequirement) -> str:
 
 def _achieved(said: Mapping[str, Any]) -> str:
     if said["achieved"] is not None:
-        return number(said["achieved"], 5 if said["met"] else 9)
+        return number(said.get("achieved_at_worst", said["achieved"]), 5 if said["met"] else 9)
     names = {"no_crossover": "no crossover", "unstable": NO_MARGIN, "beyond_nyquist": "beyond Nyquist"}
     return names.get(said["outcome"], "infinite" if said["outcome"] else "–")
 

@@ -45,9 +45,11 @@ class RequirementReport:
             "name": requirement.quantity,
             "relation": requirement.relation.value,
             "limit": list(limits) if requirement.relation is Relation.BETWEEN else limits[0],
+            **({} if requirement.end_limit is None else {"limit_at_to_rad_s": requirement.end_limit}),
             "on": requirement.scope.value,
             **(band if any(band.values()) else {}),
             "achieved": finite(result.achieved) if result else None,
+            **self._at_worst(),
             "outcome": result.outcome.value if result else None,
             "met": result.is_met if result else False,
             "score": finite(result.score) if result else None,
@@ -56,6 +58,15 @@ class RequirementReport:
             "multiplier_checked": price_dict(self.price),
             "proof": requirement_proof_dict(self.proof),
         }
+
+    def _at_worst(self) -> dict[str, Any]:
+        """Of a line of `by_frequency`, the value and the limit at the worst frequency."""
+        requirement, result = self.requirement, self.result
+        omega = None if result is None else result.worst.omega_rad_s
+        if requirement.end_limit is None or result is None or result.achieved is None or omega is None:
+            return {}
+        there = requirement.value_at(result.achieved, omega)
+        return {"achieved_at_worst": finite(there), "limit_at_worst": requirement.limit_at(omega)}
 
 
 def requirement_reports(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:

@@ -28,7 +28,11 @@ def asks_to_act(requirement: Requirement) -> bool:
     """Whether a requirement bounds the loop's speed from below, so that a controller that is off misses it."""
     if requirement.quantity in _ACTING:
         return math.isfinite(requirement.lower)
-    return requirement.quantity == "sensitivity_db" and requirement.upper < 0.0
+    if requirement.quantity == "load_sensitivity_db":
+        # without a controller |P S| is |P|
+        return math.isfinite(requirement.upper)
+    least = requirement.upper if requirement.end_limit is None else min(requirement.upper, requirement.end_limit)
+    return requirement.quantity == "sensitivity_db" and least < 0.0
 
 
 def with_default_objective(spec: DesignSpec) -> DesignSpec:

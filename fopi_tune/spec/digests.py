@@ -16,7 +16,7 @@ from typing import Any
 from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME
 from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.spec.default_objective import with_default_objective
-from fopi_tune.spec.model import ControllerSpec, DesignSpec, DigitalSpec, Objective
+from fopi_tune.spec.model import ControllerSpec, DesignSpec, DigitalSpec, Objective, Requirement
 from fopi_tune.spec.scenarios import designed_scenarios
 
 #: parts that gains and their proof depend on, and the digital controller besides
@@ -92,6 +92,8 @@ def _plain(value: Any) -> Any:
         names = [f.name for f in fields(value) if f.name not in _LEFT_OUT]
         if isinstance(value, Objective) and value.scenario is None:
             names.remove("scenario")
+        if isinstance(value, Requirement) and value.end_limit is None:
+            names.remove("end_limit")
         if isinstance(value, DigitalSpec) and value.output_rate_per_s is None:
             names.remove("output_rate_per_s")
         if isinstance(value, ControllerSpec):

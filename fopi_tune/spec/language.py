@@ -88,7 +88,8 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     values = _read_sections(shape, place)
     if values is None:
         return None
-    every = [each for each in values.get("requirements") or [] if each is not None]
+    read_in = (each if isinstance(each, list) else [each] for each in values.get("requirements") or [])
+    every = [each for some in read_in for each in some if each is not None]
     placed = [each for each in every if isinstance(each, PlacedRequirement)]
     measured = [each for each in every if isinstance(each, PlacedLimit)]
     _check_between_sections(values, placed, place)

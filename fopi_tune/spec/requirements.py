@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from fopi_tune.core.families.plant_list import PlantList
@@ -20,13 +20,17 @@ from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import Place, ScalarNode
 from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
-from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape, Text
+from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, PlainOrMapping, Shape, Text
 
 #: every pair is checked for contradictions
 MAX_REQUIREMENTS = 500
 _BAND_KEYS: tuple[str, ...] = ("from_rad_s", "to_rad_s", "at_rad_s")
 _RELATION_EXAMPLE = "{at_least: 60} or {between: [60, 70]}"
 _EXAMPLE = "{phase_margin_deg: {at_least: 60}}"
+BY_FREQUENCY = "by_frequency"
+#: of a limit by the frequency
+MAX_POINTS = 50
+_SHAPED_EXAMPLE = "{by_frequency: [[0.01, -40], [0.1, -20], [2, 3]]}"
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,10 @@ class PlacedRequirement:
 
 
 def requirements_shape() -> ListOf:
-    """Reads to a list of `PlacedRequirement`, of measures of scenarios `PlacedLimit`; None for each that is wrong."""
+    """Reads to a list of `PlacedRequirement`, of measures of scenarios `PlacedLimit`; None for each that is wrong.
+
+    An entry with `by_frequency` is a list of them.
+    """
     records = {name: _record(quantity) for name, quantity in QUANTITIES.items()}
     records |= limit_records(DESIGNED_MEASURES)
     requirement = OneKeyOf("one quantity with one relation", "quantity", records, _EXAMPLE, measure_as_requirement)
@@ -64,7 +71,11 @@ def refuse_equalities_over_families(placed: Sequence[PlacedRequirement], plant: 
 def refuse_bands_above_nyquist(placed: Sequence[PlacedRequirement], nyquist_rad_s: float) -> None:
     """Reports bands that begin at Nyquist's frequency or above, where a loop on samples has no response."""
     for each in placed:
-        if each.requirement.from_rad_s >= nyquist_rad_s:
+        if each.requirement.end_limit is not None:
+            if each.requirement.to_rad_s >= nyquist_rad_s:
+                message = f"reaches to Nyquist's frequency, {nyquist_rad_s:.6g} rad/s, or beyond; end it below"
+                each.limit_place.refuse(message)
+        elif each.requirement.from_rad_s >= nyquist_rad_s:
             key = "at_rad_s" if each.place.has("at_rad_s") else "from_rad_s"
             message = f"lies above Nyquist's frequency, {nyquist_rad_s:.6g} rad/s; sample faster, or lower it"
             each.place.child(key).refuse(message)
@@ -84,6 +95,8 @@ def refuse_contradictions(placed: Sequence[PlacedRequirement]) -> None:
 
 
 def _contradict(a: Requirement, b: Requirement) -> bool:
+    if a.end_limit is not None or b.end_limit is not None:
+        return False
     if a.quantity != b.quantity or (a.lower <= b.upper and b.lower <= a.upper):
         return False
     # a quantity without a band has the default one, all frequencies; touching bands share one frequency
@@ -128,7 +141,7 @@ def _relation_shape(quantity: Quantity) -> Shape:
     records = {
         relation.value: Record(
             f"{quantity.name} {relation.value.replace('_', ' ')} the limit",
-            {relation.value: Key(Pair("[low, high]", number) if relation is Relation.BETWEEN else number)},
+            {relation.value: Key(_limit_shape(quantity, relation, number))},
             partial(_build_limits, quantity, relation),
             _RELATION_EXAMPLE,
         )
@@ -138,9 +151,57 @@ def _relation_shape(quantity: Quantity) -> Shape:
     return Advised(relation, relation_advice(tuple(Relation)))
 
 
+@dataclass(frozen=True)
+class LimitByFrequency:
+    """A limit in dB that is straight over log omega between points.
+
+    Args:
+        points: rad/s and dB; two at least, the frequencies increasing.
+    """
+
+    points: tuple[tuple[float, float], ...]
+
+    def lines(self, requirement: Requirement) -> list[Requirement]:
+        """A requirement for each line; that of equal limits at both ends has one number."""
+        found = []
+        for (low, first), (high, last) in zip(self.points, self.points[1:], strict=False):
+            end = None if first == last else last
+            found.append(replace(requirement, limits=(first,), from_rad_s=low, to_rad_s=high, end_limit=end))
+        return found
+
+
+def _shaped_or_plain(number: Number) -> Shape:
+    """A number, or points by the frequency; reads to a float or a `LimitByFrequency`."""
+    point = ListOf("[rad/s, dB]", number, 2, 2)
+    keys = {BY_FREQUENCY: Key(ListOf("points [rad/s, dB], the frequencies increasing", point, 2, MAX_POINTS))}
+    record = Record("a limit that is straight over log omega between points", keys, _build_points, _SHAPED_EXAMPLE)
+    return PlainOrMapping(number, record)
+
+
+def _build_points(values: Values, place: Place) -> LimitByFrequency | None:
+    points = tuple((omega, limit) for omega, limit in values[BY_FREQUENCY])
+    where, before = place.child(BY_FREQUENCY), 0.0
+    for index, (omega, _) in enumerate(points):
+        if omega <= before:
+            advice = "a frequency must be greater than 0" if index == 0 else "frequencies must increase"
+            where.item(index).item(0).refuse(f"{advice}; write points as [rad/s, dB]")
+            return None
+        before = omega
+    return LimitByFrequency(points)
+
+
+def _limit_shape(quantity: Quantity, relation: Relation, number: Number) -> Shape:
+    if relation is Relation.BETWEEN:
+        return Pair("[low, high]", number)
+    one_sided = relation in (Relation.AT_MOST, Relation.AT_LEAST)
+    return _shaped_or_plain(number) if one_sided and quantity.takes_band else number
+
+
 def _build_limits(quantity: Quantity, relation: Relation, values: Values, place: Place) -> Values | None:
     limit = place.child(relation.value)
     value = values[relation.value]
+    if isinstance(value, LimitByFrequency):
+        return {"relation": relation, "limits": value}
     ends = value if isinstance(value, tuple) else (value,)
     places = [limit.item(i) for i in range(2)] if isinstance(value, tuple) else [limit]
     checked = [(where, quantity.check_limit(end)) for where, end in zip(places, ends, strict=True)]
@@ -150,8 +211,12 @@ def _build_limits(quantity: Quantity, relation: Relation, values: Values, place:
     return {"relation": relation, "limits": ends} if all(wrong is None for _, wrong in checked) else None
 
 
-def _build_requirement(quantity: Quantity, values: Values, place: Place) -> PlacedRequirement | None:
+def _build_requirement(
+    quantity: Quantity, values: Values, place: Place
+) -> PlacedRequirement | list[PlacedRequirement] | None:
     limits = values[quantity.name]
+    if isinstance(limits["limits"], LimitByFrequency):
+        return _lines(quantity, values, place)
     band = _band(values, place)
     if quantity.takes_band and limits["relation"] is Relation.EQUALS and "at_rad_s" not in values:
         where = place.child(quantity.name).child("equals")
@@ -164,6 +229,20 @@ def _build_requirement(quantity: Quantity, values: Values, place: Place) -> Plac
         quantity.name, **limits, scope=scope, from_rad_s=band[0], to_rad_s=band[1], line=place.mark.line
     )
     return PlacedRequirement(requirement, place)
+
+
+def _lines(quantity: Quantity, values: Values, place: Place) -> list[PlacedRequirement] | None:
+    """A requirement for each line of `by_frequency`."""
+    beside = [key for key in _BAND_KEYS if key in values]
+    for key in beside:
+        place.child(key).refuse(
+            f"is given beside {BY_FREQUENCY}, whose band is from its first to its last point; remove it"
+        )
+    if beside:
+        return None
+    said, scope = values[quantity.name], Scope(values.get("on", Scope.FAMILY.value))
+    whole = Requirement(quantity.name, said["relation"], (0.0,), scope=scope, line=place.mark.line)
+    return [PlacedRequirement(line, place) for line in said["limits"].lines(whole)]
 
 
 def _band(values: Values, place: Place) -> tuple[float, float] | None:

@@ -36,6 +36,7 @@ ASKED = (
     *(("crossover_rad_s", upper) for upper in (True, False)),
     *(("phase_slope_deg_per_decade", upper) for upper in (True, False)),
 )
+Asked = tuple[tuple[str, bool], ...]
 #: draws a family with a controller
 Draw = Callable[[np.random.Generator], PidFamily]
 #: s of process time for one pair
@@ -74,7 +75,7 @@ class Pair:
         return loop.read(self.quantity, self.low, self.high, self.upper) if loop.is_stable else math.nan
 
 
-def pair(seed: int, draw: Draw, salt: int) -> Pair:
+def pair(seed: int, draw: Draw, salt: int, asked: Asked = ASKED) -> Pair:
     """Nominally stable in most cases, as what is drawn at random is not."""
     rng = np.random.default_rng([seed, salt])
     family = draw(rng)
@@ -82,9 +83,9 @@ def pair(seed: int, draw: Draw, salt: int) -> Pair:
         if rng.random() < 0.06 or family.loop(family.plants.nominal_point).is_stable:
             break
         family = draw(rng)
-    quantity, upper = ASKED[int(rng.integers(len(ASKED)))]
+    quantity, upper = asked[int(rng.integers(len(asked)))]
     low, high = 0.0, math.inf
-    if quantity in RESPONSES and (quantity == "loop_gain_db" or not upper or rng.random() < 0.4):
+    if QUANTITIES[quantity].takes_band and (quantity == "loop_gain_db" or not upper or rng.random() < 0.4):
         low = float(10.0 ** rng.uniform(-2.0, 0.5))
         high = low * float(10.0 ** rng.uniform(0.1, 1.5)) if not upper or rng.random() < 0.5 else math.inf
     late = float(family.plants.parameters["dead_time_s"].max)
@@ -94,14 +95,14 @@ def pair(seed: int, draw: Draw, salt: int) -> Pair:
     return Pair(family, quantity, upper, low, high)
 
 
-def answer(seed: int, draw: Draw, salt: int, rechecked: bool) -> tuple[str, float]:
+def answer(seed: int, draw: Draw, salt: int, rechecked: bool, what: Asked = ASKED) -> tuple[str, float]:
     """What became of a pair, and the process time of its certificates in s.
 
     Raises:
         AssertionError: a wrong proof or refutation, or a certificate that does not stand on its own.
     """
     try:
-        asked = pair(seed, draw, salt)
+        asked = pair(seed, draw, salt, what)
         if not asked.family.is_stable():
             certificate = asked.certificate(1.0)
             assert certificate.stability.verdict is not Verdict.PROVED, seed
@@ -135,12 +136,14 @@ def answer(seed: int, draw: Draw, salt: int, rechecked: bool) -> tuple[str, floa
     return "told apart", taken
 
 
-def outcomes(seeds: Iterable[int], draw: Draw, salt: int) -> tuple[Counter[str], list[int], list[float]]:
+def outcomes(
+    seeds: Iterable[int], draw: Draw, salt: int, what: Asked = ASKED
+) -> tuple[Counter[str], list[int], list[float]]:
     """How many answers of each sort, the undecided seeds, and the times of all pairs."""
     counted: Counter[str] = Counter()
     undecided, times = [], []
     for seed in seeds:
-        said, taken = answer(seed, draw, salt, rechecked=seed % 4 == 0)
+        said, taken = answer(seed, draw, salt, rechecked=seed % 4 == 0, what=what)
         counted[said] += 1
         undecided += [seed] if said == "undecided" else []
         times += [taken] if taken else []

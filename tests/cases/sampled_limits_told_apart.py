@@ -31,11 +31,12 @@ ASKED = (
     *((name, False) for name in ("phase_margin_deg", "gain_margin_db", "delay_margin_s")),
     *(("crossover_rad_s", upper) for upper in (True, False)),
 )
+Asked = tuple[tuple[str, bool], ...]
 #: draws a family with a controller and its filter
 Draw = Callable[[np.random.Generator], tuple[PlantFamily, FoPid, Implementation]]
 
 
-def design(seed: int, draw: Draw, salt: int) -> tuple[DesignSpec, FoPid, Implementation]:
+def design(seed: int, draw: Draw, salt: int, what: Asked = ASKED) -> tuple[DesignSpec, FoPid, Implementation]:
     """Stable at the corners in most cases, with one or two uncertain numbers; the limit is not set yet."""
     rng = np.random.default_rng([seed, salt])
     plants, pid, implementation = draw(rng)
@@ -44,7 +45,7 @@ def design(seed: int, draw: Draw, salt: int) -> tuple[DesignSpec, FoPid, Impleme
         if rng.random() < 0.05 or is_stable(SampledLoops.implemented(pid, implementation, members)).all():
             break
         plants, pid, implementation = draw(rng)
-    name, upper = ASKED[int(rng.integers(len(ASKED)))]
+    name, upper = what[int(rng.integers(len(what)))]
     low, high, nyquist = 0.0, math.inf, implementation.nyquist_rad_s
     if QUANTITIES[name].takes_band and (name == "loop_gain_db" or not upper or rng.random() < 0.4):
         low = float(nyquist * 10.0 ** rng.uniform(-2.0, -0.5))
@@ -64,13 +65,13 @@ def certificate_at(spec: DesignSpec, pid: FoPid, implementation: Implementation,
     return certificate
 
 
-def answer(seed: int, draw: Draw, salt: int) -> str:
+def answer(seed: int, draw: Draw, salt: int, what: Asked = ASKED) -> str:
     """What became of a pair.
 
     Raises:
         AssertionError: a wrong proof or refutation, or a certificate that does not stand on its own.
     """
-    spec, pid, implementation = design(seed, draw, salt)
+    spec, pid, implementation = design(seed, draw, salt, what)
     worst, radius = worst_of(spec, implementation)
     if abs(radius - 1.0) < 1e-4:
         return "marginal"
@@ -99,7 +100,7 @@ def answer(seed: int, draw: Draw, salt: int) -> str:
     return "undecided" if Verdict.UNDECIDED in verdicts else "told apart"
 
 
-def outcomes(seeds: Iterable[int], draw: Draw, salt: int) -> tuple[Counter[str], list[int]]:
+def outcomes(seeds: Iterable[int], draw: Draw, salt: int, what: Asked = ASKED) -> tuple[Counter[str], list[int]]:
     """How many answers of each sort, and the undecided seeds."""
-    said = {seed: answer(seed, draw, salt) for seed in seeds}
+    said = {seed: answer(seed, draw, salt, what) for seed in seeds}
     return Counter(said.values()), [seed for seed, word in said.items() if word == "undecided"]

@@ -1,4 +1,4 @@
-"""Global extremes of |S|, |T|, |CS| and |L| against dense scans, limits and closed forms."""
+"""Global extremes of |S|, |T|, |CS|, |PS| and |L| against dense scans, limits and closed forms."""
 
 from __future__ import annotations
 
@@ -12,14 +12,19 @@ from hypothesis import strategies as st
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Loops, Plants
-from fopi_tune.core.peaks import Response, extremes, log_response_at
+from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.peaks import Response, Tilt, extremes, log_response_at
 from fopi_tune.core.plant import Plant
+from fopi_tune.core.sampled_loops import SampledLoops
+from fopi_tune.digital import sections_of
+from fopi_tune.spec.model import DigitalSpec
 
-S, T, CS, L = (
+S, T, CS, L, PS = (
     Response.SENSITIVITY,
     Response.COMPLEMENTARY_SENSITIVITY,
     Response.CONTROL_SENSITIVITY,
     Response.LOOP_GAIN,
+    Response.LOAD_SENSITIVITY,
 )
 
 
@@ -34,8 +39,11 @@ def direct(controller: FoPi, plant: Plant, response: Response, omega: np.ndarray
     """ln of the response, written down anew."""
     s = 1j * omega
     c = controller.kp + controller.ki * s**-controller.alpha
-    loop = c * np.polyval(plant.numerator, s) / np.polyval(plant.denominator, s) * np.exp(-s * plant.dead_time_s)
-    value = {S: 1.0 / (1.0 + loop), T: loop / (1.0 + loop), CS: c / (1.0 + loop), L: loop}[response]
+    p = np.polyval(plant.numerator, s) / np.polyval(plant.denominator, s) * np.exp(-s * plant.dead_time_s)
+    loop = c * p
+    value = {S: 1.0 / (1.0 + loop), T: loop / (1.0 + loop), CS: c / (1.0 + loop), PS: p / (1.0 + loop), L: loop}[
+        response
+    ]
     return np.log(np.abs(value))
 
 
@@ -114,6 +122,30 @@ def test_all_frequencies_are_at_least_as_extreme_as_any_band() -> None:
                 everywhere = sign * found(controller, plant, response, largest=largest)[0]
                 band = sign * scanned(controller, plant, response, 1e-4, 1e4, sign)
                 assert everywhere >= band - 2e-7, (controller, plant, response, largest)
+
+
+# --- the load's response ---------------------------------------------------------------------------------------------
+
+
+def test_a_proportional_gain_on_an_integrator_leaves_the_inverse_gain_of_a_slow_load() -> None:
+    # P S = 1/(s + kp)
+    assert found(FoPi(2.5, 0.0, 1.0), Plant((1.0,), (1.0, 0.0)), PS) == (pytest.approx(-math.log(2.5), abs=1e-12), 0.0)
+
+
+def test_a_pi_that_cancels_a_lag_leaves_a_load_with_its_closed_form_peak() -> None:
+    # P = k/(tau s + 1), C = kp (1 + 1/(tau s)):  P S = k tau s/((tau s + 1)(tau s + k kp)), largest at sqrt(k kp)/tau
+    k, tau, kp = 2.0, 3.0, 1.4
+    value, omega = found(FoPi(kp, kp / tau, 1.0), Plant((k,), (tau, 1.0)), PS)
+    # the search divides cells until their bound is within 1e-10 of the best value
+    assert value == pytest.approx(math.log(k / (1.0 + k * kp)), abs=1e-9)
+    assert omega == pytest.approx(math.sqrt(k * kp) / tau, rel=1e-4)
+
+
+def test_the_loads_response_vanishes_at_both_ends_behind_an_integral_and_a_lag() -> None:
+    for dead_time_s in (0.0, 0.7):
+        value, omega = found(FoPi(1.0, 0.5, 1.2), Plant((1.0,), (2.0, 1.0), dead_time_s), PS, largest=False)
+        assert value == -math.inf
+        assert omega in (0.0, math.inf)
 
 
 # --- closed forms and published numbers ----------------------------------------------------------------------------
@@ -342,3 +374,48 @@ def test_the_units_of_time_and_gain_change_no_peak_of_s_and_t(seed: int, log_tim
         again, _ = found(other, scaled, response, 1e-2 / unit, 1e2 / unit)
         # The two searches may stop 1e-10 apart; a damping of 1e-3 enlarges the roots' rounding.
         assert again == pytest.approx(value + offset, abs=1e-7)
+
+
+# --- along a line over ln omega ---------------------------------------------------------------------------------------
+
+
+def test_extremes_along_a_line_agree_with_dense_scans() -> None:
+    rng = np.random.default_rng(21)
+    for k in range(6):
+        controller, plant = random_loop(rng, delayed=bool(k % 2))
+        low, high = 10.0 ** rng.uniform(-2, 0), 10.0 ** rng.uniform(0.1, 1.5)
+        tilt = Tilt(float(rng.uniform(-2.0, 2.0)), low)
+        grid = np.geomspace(low, high, 40_001)
+        for response in Response:
+            values = direct(controller, plant, response, grid) - tilt.power * np.log(grid / low)
+            for largest in (True, False):
+                loops = Loops.of(controller, Plants.of(plant))
+                result = extremes(loops, response, low, high, largest, tilt)
+                best = float(values.max() if largest else values.min())
+                # a grid of 2e-4 in u stops short of a peak; that of a resonance of damping 1e-3 bends by 1e6
+                short = (float(result.value[0]) - best) * (1.0 if largest else -1.0)
+                assert -2e-7 <= short < 2e-2, (controller, plant, response, largest)
+                omega = float(result.omega_rad_s[0])
+                at = direct(controller, plant, response, np.array([omega]))[0] - tilt.power * math.log(omega / low)
+                assert at == pytest.approx(float(result.value[0]), abs=2e-7)
+
+
+def test_extremes_along_a_line_agree_with_dense_scans_on_samples() -> None:
+    rng = np.random.default_rng(22)
+    for k in range(4):
+        tau, late = float(rng.uniform(0.5, 3.0)), float(rng.uniform(0.0, 0.4))
+        implementation = Implementation(sections_of(FoPi(1.2, 0.8, 0.8), DigitalSpec(0.2)), 0.0)
+        plants = Plants(np.ones((1, 1)), np.array([[tau, 1.0]]), np.array([late]))
+        loops = SampledLoops.implemented(FoPi(1.2, 0.8, 0.8), implementation, plants)
+        low, high = 0.05, 15.0
+        tilt = Tilt(float(rng.uniform(-2.0, 2.0)), low)
+        grid = np.geomspace(low, high, 20_001)
+        for response in Response:
+            values = log_response_at(loops, response, np.zeros(len(grid), dtype=int), grid)
+            values = values - tilt.power * np.log(grid / low)
+            for largest in (True, False):
+                result = extremes(loops, response, low, high, largest, tilt)
+                best = float(values.max() if largest else values.min())
+                short = (float(result.value[0]) - best) * (1.0 if largest else -1.0)
+                # a grid of 3e-4 in u stops 1e-7 short of peaks that bend by 10
+                assert -1e-9 <= short < 1e-6, (k, response, largest)

@@ -62,6 +62,9 @@ SPECS = {
     + "requirements:\n  - {sensitivity_db: {at_most: -6}, to_rad_s: 0.02}\n  - {sensitivity_db: {at_most: 5}}\n"
     + "objective: {minimize: control_sensitivity_peak_db}\n",
 }
+SPECS["load"] = (
+    LAG + BOX + "requirements: [{sensitivity_db: {at_most: 5}}]\nobjective: {minimize: load_sensitivity_peak_db}\n"
+)
 DIGITAL = "digital: {sample_time_s: %g, design: sampled, delay_samples: %g, band_rad_s: [0.001, 100]}\n"
 #: with samples of a tenth to a third of the dead time or the corner
 SAMPLED = dict.fromkeys(SPECS, DIGITAL % (0.3, 0)) | {

@@ -17,7 +17,7 @@ from fopi_tune.montecarlo.margins import MarginScan
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.model import DigitalSpec, Relation, Requirement
 
-UPPER = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
+UPPER = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db", "load_sensitivity_db")
 LOWER = ("phase_margin_deg", "gain_margin_db", "delay_margin_s", "crossover_rad_s")
 
 
@@ -37,6 +37,10 @@ def test_the_scan_of_drawn_plants_is_the_exact_search(terms: FoPi, order: int) -
         asked = Requirement(name, Relation.AT_MOST if upper else Relation.AT_LEAST, (1.0,))
         wanted = QUANTITIES[name].measure(loops, upper, 0.0, np.inf).value
         np.testing.assert_allclose(scan.measure(asked, upper), wanted, rtol=1e-7, atol=1e-7)
+        if name in UPPER:
+            line = Requirement(name, Relation.AT_MOST, (1.0,), from_rad_s=0.3, to_rad_s=9.0, end_limit=-14.0)
+            wanted_line = QUANTITIES[name].measure(loops, True, 0.3, 9.0, line.tilt).value
+            np.testing.assert_allclose(scan.measure(line, True), wanted_line, rtol=1e-7, atol=1e-7)
         # |T| is largest as omega -> 0, where the filter passes all
         assert (
             name == "complementary_sensitivity_db"

@@ -128,6 +128,7 @@ def test_the_quadratic_is_positive_exactly_where_a_response_breaks_its_limit(
         Response.COMPLEMENTARY_SENSITIVITY: abs(loop / (1.0 + loop)) if loop != -1.0 else math.inf,
         Response.CONTROL_SENSITIVITY: abs(c / (1.0 + loop)) if loop != -1.0 else math.inf,
         Response.LOOP_GAIN: abs(loop),
+        Response.LOAD_SENSITIVITY: abs(p / (1.0 + loop)) if loop != -1.0 else math.inf,
     }[response]
     if abs(math.log(max(value, 1e-12) / limit)) < 1e-9 or math.isinf(value):
         return

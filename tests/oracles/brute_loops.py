@@ -244,6 +244,7 @@ class Loops:
             "sensitivity_db": 1.0,
             "complementary_sensitivity_db": loop,
             "control_sensitivity_db": gains.response(1j * omega),
+            "load_sensitivity_db": loop / gains.response(1j * omega),
         }[name]
         return np.log(np.abs(top / (1 + loop)))
 

@@ -72,7 +72,7 @@ class PidLoop:
 
     def read(self, quantity: str, low: float, high: float, largest: bool) -> float:
         """The worst value of one plant; nan where it has none."""
-        if quantity in RESPONSES:
+        if quantity in (*RESPONSES, "load_sensitivity_db"):
             return self.extreme(quantity, low, high, largest)
         if quantity in MARGINS:
             return value(self.joined, quantity)
@@ -89,13 +89,14 @@ class PidLoop:
         return float(slope) * math.log(10.0)
 
     def log_response(self, quantity: str, omega: Array) -> Array:
-        """ln|S|, ln|T|, ln|C S| or ln|L|."""
+        """ln|S|, ln|T|, ln|C S|, ln|P S| or ln|L|."""
         gain = self.joined.gain(omega)
         top = {
             "sensitivity_db": np.ones_like(gain),
             "complementary_sensitivity_db": gain,
             "control_sensitivity_db": self.controller(omega),
             "loop_gain_db": gain * (1.0 + gain),
+            "load_sensitivity_db": gain / self.controller(omega),
         }[quantity]
         return np.log(np.abs(top)) - np.log(np.abs(1.0 + gain))
 

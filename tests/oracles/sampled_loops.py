@@ -145,13 +145,14 @@ class Loop:
         return controller(self.sections, omega) * self.plant.response(omega)
 
     def response(self, name: str, omega: Array) -> Array:
-        """ln of |S|, |T|, |C S| or |L|."""
+        """ln of |S|, |T|, |C S|, |P S| or |L|."""
         gain = self.gain(omega)
         top = {
             "sensitivity_db": np.ones_like(gain),
             "complementary_sensitivity_db": gain,
             "control_sensitivity_db": controller(self.sections, omega),
             "loop_gain_db": gain * (1.0 + gain),
+            "load_sensitivity_db": self.plant.response(omega),
         }[name]
         return np.log(np.abs(top)) - np.log(np.abs(1.0 + gain))
 

@@ -68,3 +68,25 @@ objective: {minimize: iae_disturbance}
     assert design.status is ft.Status.SOLVED
     assert any(note.startswith("ki is at the upper end of its range, 1") for note in design.notes)
     assert design.to_dict()["notes"] == list(design.notes)
+
+
+@pytest.mark.parametrize(
+    ("band", "digital", "said"),
+    [
+        ("to_rad_s: 100", "digital: {sample_time_s: 0.1, design: sampled}", True),
+        ("to_rad_s: 30", "digital: {sample_time_s: 0.1, design: sampled}", False),
+        ("from_rad_s: 1", "digital: {sample_time_s: 0.1, design: sampled}", False),
+        ("to_rad_s: 100", "digital: {sample_time_s: 0.1}", False),
+    ],
+)
+def test_a_band_of_which_samples_tell_a_part_is_said(band: str, digital: str, said: bool) -> None:
+    spec = parse_spec(
+        "schema: 1\nname: x\nplant: {model: lag, static_gain: 1, time_constant_s: 2}\n"
+        "controller: {kp: 1, ki: 0.5, alpha: 1}\n"
+        f"requirements: [{{sensitivity_db: {{at_most: 6}}, {band}}}]\n{digital}\n"
+    )
+    (note,) = [note for note in ft.tune(spec).notes if "Nyquist" in note] or [None]
+    assert (note is not None) == said
+    if note is not None:
+        assert note.startswith("requirement 1, sensitivity_db: its band reaches to 100 rad/s")
+        assert "31.42 rad/s" in note

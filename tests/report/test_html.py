@@ -24,7 +24,7 @@ from cases.reports import BRAKE, brake_documents, brake_files, brake_page, run_o
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from typer.testing import CliRunner
 
 import fopi_tune as ft
@@ -43,6 +43,7 @@ from fopi_tune.report.figures.step_responses import step_responses
 from fopi_tune.report.html import report_files
 from fopi_tune.results.documents import margins_dict
 from fopi_tune.spec import parse_spec
+from fopi_tune.spec.model import Relation, Requirement
 
 #: of a plant that is known, on no computer: a page that is soon made
 KNOWN = BRAKE.replace("{nominal: 2.25, min: 1.6, max: 3.1}", "2.25").replace("digital:", "# digital:")
@@ -274,6 +275,43 @@ def test_drawn_sensitivities_and_what_they_may_not_reach_are_the_specs() -> None
     assert (left, bottom, right, top) == (*(s_axes.get_xlim()[0], -20.0, 0.02), s_axes.get_ylim()[1])
     assert hatch == "////"
     assert hatched(t_axes) == hatched(cs_axes) == []
+
+
+def test_the_loads_response_is_drawn_with_its_limit_where_the_spec_asks_for_it() -> None:
+    members = pi_members()
+    asked = Requirement("load_sensitivity_db", Relation.AT_MOST, (3.0,), from_rad_s=0.5)
+    spec = members.documents.spec
+    spec = replace(spec, requirements=(*spec.requirements[:-1], asked))
+    picture = sensitivities(replace(members, documents=replace(members.documents, spec=spec)))
+    *_, axes = axes_of(picture)
+    omega, drawn = line_of(axes)
+    s = 1j * omega
+    # P/(1 + L) of L = 0.3/s
+    expected = 20.0 * np.log10(np.abs(s / (s + 0.3) / (2.25 * s + 1.0)))
+    np.testing.assert_allclose(drawn, expected, atol=1e-8)
+    left, bottom, right, top, _ = hatched(axes)[0]
+    assert (left, bottom, right, top) == (0.5, 3.0, axes.get_xlim()[1], axes.get_ylim()[1])
+    assert "load sensitivity P S" in picture.description
+    assert ", P S " in picture.description
+
+
+def test_a_limit_by_the_frequency_is_hatched_beyond_its_line() -> None:
+    members = pi_members()
+    lines = [
+        Requirement("sensitivity_db", Relation.AT_MOST, (-30.0,), from_rad_s=0.01, to_rad_s=0.1, end_limit=-10.0),
+        Requirement(
+            "complementary_sensitivity_db", Relation.AT_LEAST, (-3.0,), from_rad_s=0.1, to_rad_s=1.0, end_limit=-12.0
+        ),
+    ]
+    spec = members.documents.spec
+    spec = replace(spec, requirements=(*spec.requirements[:-2], *lines))
+    s_axes, t_axes, _ = axes_of(sensitivities(replace(members, documents=replace(members.documents, spec=spec))))
+    (above,) = [patch for patch in s_axes.patches if isinstance(patch, Polygon)]
+    (below,) = [patch for patch in t_axes.patches if isinstance(patch, Polygon)]
+    top, bottom = s_axes.get_ylim()[1], t_axes.get_ylim()[0]
+    assert above.get_xy()[:-1].tolist() == [[0.01, -30.0], [0.1, -10.0], [0.1, top], [0.01, top]]
+    assert below.get_xy()[:-1].tolist() == [[0.1, -3.0], [1.0, -12.0], [1.0, bottom], [0.1, bottom]]
+    assert above.get_hatch() == "////"
 
 
 def test_drawn_steps_are_the_closed_form() -> None:

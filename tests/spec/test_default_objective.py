@@ -28,6 +28,7 @@ def spec_with(*requirements: str, objective: str = "") -> DesignSpec:
         "crossover_rad_s: {between: [0.3, 1]}",
         "{sensitivity_db: {at_most: -20}, to_rad_s: 0.01}",
         "{loop_gain_db: {at_least: 20}, to_rad_s: 0.01}",
+        "load_sensitivity_db: {at_most: -6}",
         "{complementary_sensitivity_db: {at_least: -3}, to_rad_s: 0.5}",
     ],
 )
@@ -52,6 +53,7 @@ def test_an_objective_of_the_spec_stays() -> None:
         ("gain_margin_db: {at_least: 6}", True),
         ("crossover_rad_s: {at_most: 1}", True),
         ("control_sensitivity_db: {at_most: 10}", True),
+        ("{load_sensitivity_db: {at_least: -60}, at_rad_s: 1}", True),
     ],
 )
 def test_bounds_alone_get_the_best_rejection_and_a_bounded_peak(requirement: str, adds: bool) -> None:

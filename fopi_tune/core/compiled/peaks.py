@@ -61,19 +61,38 @@ def _term(gain, phase, rise, turn, gain_bound, bound, h):
 _NO_TERM = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+#: of ln omega over u on samples: a bound of its second derivative, h (cos 2x - h) with h = sin 2x/(2x), 0 < x < pi/2
+_LOG_OMEGA_BEND = 0.5
+
+
 @inner
-def _term_at(terms, r, u, h):
+def _tilted(u, power, unit, reference):
+    """power ln(omega/omega_0) at u, its slope, and a bound of its curvature."""
+    if power == 0.0:
+        return 0.0, 0.0, 0.0
+    if not math.isfinite(unit):
+        return power * (u - reference), power, 0.0
+    # ln omega = ln x + ln(2/Ts), x = atan e^u
+    n, x = math.exp(u), math.atan(math.exp(u))
+    return power * (math.log(x) + unit - reference), power / ((n + 1.0 / n) * x), abs(power) * _LOG_OMEGA_BEND
+
+
+@inner
+def _term_at(terms, r, u, h, tilt):
     """`_term` of a function at u; zeros where there is no function."""
     if terms.whole.shape[1] == 0:
         return _NO_TERM
     gain, phase, rise, turn, of_gain, _, of_both = bode_at(terms, r, u, h)
-    return _term(gain, phase, rise, turn, of_gain, of_both, h)
+    return _term(gain + tilt[0], phase, rise + tilt[1], turn, of_gain + tilt[2], of_both + tilt[2], h)
 
 
 @inner
-def _term_in(s, i, h):
+def _term_in(s, i, h, tilt):
     """`_term` of a place of a block."""
-    return _term(s[GAIN, i], s[PHASE, i], s[SLOPE, i], s[TURN, i], s[OF_GAIN, i], s[OF_BOTH, i], h)
+    return _term(
+        s[GAIN, i] + tilt[0], s[PHASE, i], s[SLOPE, i] + tilt[1], s[TURN, i], s[OF_GAIN, i] + tilt[2],
+        s[OF_BOTH, i] + tilt[2], h,
+    )  # fmt: skip
 
 
 @inner
@@ -109,7 +128,7 @@ def _value_and_bound(one, single, first, second, h, sign):
 
 
 @inner
-def _examine(one, first, second, r, cells, count, sign, values, bounds):
+def _examine(one, first, second, r, cells, count, sign, values, bounds, power, unit, reference):
     """Write value and bound of the first cells, those of a block together."""
     single = second.whole.shape[1] == 0
     for begin in range(0, count, BLOCK):
@@ -117,20 +136,23 @@ def _examine(one, first, second, r, cells, count, sign, values, bounds):
         if n < FEWEST:
             for i in range(begin, begin + n):
                 u, h = 0.5 * (cells[i, 0] + cells[i, 1]), 0.5 * (cells[i, 1] - cells[i, 0])
-                terms = _term_at(first, r, u, h), _term_at(second, r, u, h)
+                tilt = _tilted(u, power, unit, reference)
+                terms = _term_at(first, r, u, h, tilt), _term_at(second, r, u, h, tilt)
                 values[i], bounds[i] = _value_and_bound(one, single, terms[0], terms[1], h, sign)
             continue
         s = bode_block(first, r, cells[begin:, 0], cells[begin:, 1], n)
         t = s if single else bode_block(second, r, cells[begin:, 0], cells[begin:, 1], n)
         for i in range(n):
             h = 0.5 * (cells[begin + i, 1] - cells[begin + i, 0])
-            other = _NO_TERM if single else _term_in(t, i, h)
-            values[begin + i], bounds[begin + i] = _value_and_bound(one, single, _term_in(s, i, h), other, h, sign)
+            tilt = _tilted(0.5 * (cells[begin + i, 0] + cells[begin + i, 1]), power, unit, reference)
+            other = _NO_TERM if single else _term_in(t, i, h, tilt)
+            own = _term_in(s, i, h, tilt)
+            values[begin + i], bounds[begin + i] = _value_and_bound(one, single, own, other, h, sign)
 
 
 @entry
-def branch_and_bound(one, first, second, low, high, sign, floor, most_cells):
-    """max over u of sign * (-ln|K|) on [low, high], shapes (m,), its u, and the number of cells.
+def branch_and_bound(one, first, second, low, high, sign, floor, most_cells, power=0.0, unit=np.nan, reference=0.0):
+    """max over u of sign * (-ln|K (omega/omega_0)^power|) on [low, high], shapes (m,), its u, and the number of cells.
 
     Args:
         one: whether the constant 1 is a summand of K.
@@ -138,6 +160,7 @@ def branch_and_bound(one, first, second, low, high, sign, floor, most_cells):
         low, high: shape (m,).
         sign: 1 or -1.
         floor: shape (m,); cells with a bound below it are dropped.
+        power, unit, reference: of the factor; ln(2/Ts) on samples, else nan; ln omega_0.  With a power `one` is False.
         most_cells: of all rows; with more the number of cells is what was examined until then.
     """
     m, work = len(low), 0
@@ -146,7 +169,8 @@ def branch_and_bound(one, first, second, low, high, sign, floor, most_cells):
     for r in range(m):
         for end in range(2):
             u = low[r] if end == 0 else high[r]
-            terms = _term_at(first, r, u, 0.0), _term_at(second, r, u, 0.0)
+            tilt = _tilted(u, power, unit, reference)
+            terms = _term_at(first, r, u, 0.0, tilt), _term_at(second, r, u, 0.0, tilt)
             value, _ = _value_and_bound(one, second.whole.shape[1] == 0, terms[0], terms[1], 0.0, sign)
             if value > best[r]:
                 best[r], where[r] = value, u
@@ -168,7 +192,7 @@ def branch_and_bound(one, first, second, low, high, sign, floor, most_cells):
                 cells = np.empty((2 * count, 2))
             # the best value of all decides
             values, bounds, level, at = np.empty(count), np.empty(count), -np.inf, 0.0
-            _examine(one, first, second, r, new, count, sign, values, bounds)
+            _examine(one, first, second, r, new, count, sign, values, bounds, power, unit, reference)
             for i in range(count):
                 if values[i] >= level:
                     level, at = values[i], 0.5 * (new[i, 0] + new[i, 1])

@@ -42,9 +42,8 @@ from fopi_tune.design.global_search.compiled import (
     compiled,
 )
 from fopi_tune.design.global_search.controllers import controller_of
-from fopi_tune.design.global_search.responses import copy_into, crossing_near, loop_at
+from fopi_tune.design.global_search.responses import copy_into, crossing_near, loop_at, undelayed_phase
 from fopi_tune.design.global_search.samples import log_omega_of, stretch_of
-from fopi_tune.design.global_search.worst_case import undelayed_phase
 
 _PI = math.pi
 #: ln of how far from a known crossover the table is trusted to show no other one

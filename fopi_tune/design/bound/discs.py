@@ -7,10 +7,10 @@ where with x = k |L0|, c = cos arg L0
     |S| > M :    (1 - r^2) x^2 + 2 (c + r/M) x + 1 - M^-2 < 0   and   x r < 1/M
     |T| > M :    the same in y = 1/(x (1 - r^2)) ,                                                                  (1)
 
-(|C S| as |T| with M |P|; 1/L lies in the disc around 1/(L0 (1 - r^2)) whose radius is the r-th part of that); for
-margins where all loops of a run of frequencies are too close to -1 at |L| = 1; for stability where every loop has the
-same number of unstable poles.  A cell is discarded when all kappa are impossible.  It is a check in floats on a grid of
-frequencies, not a proof; `fopi_tune.optimum` proves.
+(|C S| as |T| with M |P|, |P S| as |S| with M/|P|; 1/L lies in the disc around 1/(L0 (1 - r^2)) whose radius is the r-th
+part of that); for margins where all loops of a run of frequencies are too close to -1 at |L| = 1; for stability where
+every loop has the same number of unstable poles.  A cell is discarded when all kappa are impossible.  It is a check in
+floats on a grid of frequencies, not a proof; `fopi_tune.optimum` proves.
 
 Source: derived; the squares of the responses and Nyquist's count, over a disc of loops.
 """
@@ -33,6 +33,7 @@ from fopi_tune.design.global_search.compiled import (
     GAIN_MARGIN,
     LOOP_GAIN,
     PHASE_MARGIN,
+    PS,
     S,
     T,
     compiled,
@@ -158,22 +159,26 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
     """Forbid what violates row q with plant i for the whole cell; equalities of a crossover and of |L| count too."""
     kind, side, limit = rows.kind[q], rows.side[q], rows.limit[q]
     first, last, n = max(rows.first[q], 1), min(rows.last[q], work.gain.shape[1] - 2), work.gain.shape[1]
-    if kind in (S, T, CS):
+    if kind in (S, T, CS, PS):
         if side < 0:
             return count
-        if cell[PSI_LOW] > 0.0 and rows.first[q] == 0 and table.low_slope[i] <= 0.0:
+        if kind in (T, CS) and cell[PSI_LOW] > 0.0 and rows.first[q] == 0 and table.low_slope[i] <= 0.0:
             # T -> 1 and C S -> 1/P as omega -> 0
             value = 0.0 if kind == T else -table.gain[i, 0]
-            if kind != S and value > limit and (kind == T or table.low_slope[i] == 0.0):
+            if value > limit and (kind == T or table.low_slope[i] == 0.0):
                 return forbid_interval(work.forbidden, count, -BEYOND, BEYOND)
         # neighbouring columns overlap: their union is one interval
         union_low, union_high, inverse, least = 0.0, -np.inf, math.exp(-limit), -BEYOND
         most = BEYOND
         for j in range(first, last + 1):
-            scaled = inverse * math.exp(table.filter_gain[j] - table.gain[i, j]) if kind == CS else inverse
+            scaled = inverse if rows.tilt[q] == 0.0 else inverse * math.exp(-rows.tilt[q] * table.log_omega[j])
+            if kind == CS:
+                scaled *= math.exp(table.filter_gain[j] - table.gain[i, j])
+            elif kind == PS:
+                scaled *= math.exp(table.plant_gain[i, j])
             if work.high[j] < 1.0:
                 cosine = work.real[i, j] / work.square[i, j]
-                low, high = _band_cell(kind != S, scaled, work.high[j], cosine, work.gain[i, j])
+                low, high = _band_cell(kind in (T, CS), scaled, work.high[j], cosine, work.gain[i, j])
                 if high <= low:
                     continue
                 if low <= union_high and high >= union_low:
@@ -182,7 +187,7 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
                     count = forbid_interval(work.forbidden, count, union_low, union_high)
                     union_low, union_high = low, high
                 continue
-            if scaled > 1.0 and kind == S:
+            if scaled > 1.0 and kind in (S, PS):
                 # |1 + L| <= 1 + |L|, |1 + 1/L| <= 1 + 1/|L|
                 least = max(least, math.log(scaled - 1.0) - work.gain[i, j] - slopes[UP, j])
             elif scaled > 1.0:
@@ -193,10 +198,11 @@ def _row_cell(q, i, passages, cell, signs, table, rows, work, slopes, count):
     elif kind == LOOP_GAIN:
         low, high = -BEYOND, BEYOND
         for j in range(first, last + 1):
+            here = limit + rows.tilt[q] * table.log_omega[j] - work.gain[i, j]
             if side >= 0:
-                high = min(high, limit - work.gain[i, j] - slopes[DOWN, j])
+                high = min(high, here - slopes[DOWN, j])
             if side <= 0:
-                low = max(low, limit - work.gain[i, j] - slopes[UP, j])
+                low = max(low, here - slopes[UP, j])
         count = forbid_interval(work.forbidden, count, -BEYOND, low)
         count = forbid_interval(work.forbidden, count, high, BEYOND)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN):

@@ -1,7 +1,8 @@
 """Linear rows of a cell at one kappa:  what loops that meet the requirements satisfy to second order (compiled).
 
 With z = (kappa, shape, psi) around the centre of a box, epsilon = dkappa + f_shape dshape + f_psi dpsi + rest is how
-much ln L changes, |epsilon| <= E.  With X = L (for |S|) or 1/L (for |T|, and |C S| with M |P|), sigma = +1 or -1,
+much ln L changes, |epsilon| <= E.  With X = L (for |S|, and |P S| with M/|P|) or 1/L (for |T|, and |C S| with M |P|),
+sigma = +1 or -1,
 
     ln|1 + X| <= ln|1 + X0| + sigma Re(s epsilon) + B E^2/2 ,   s = X0/(1 + X0) ,
     B = |X0| e^E/(|1 + X0| - |X0| (e^E - 1))^2 ,                                                                    (1)
@@ -30,7 +31,7 @@ from fopi_tune.design.bound.columns import (
     UP,
 )
 from fopi_tune.design.bound.polygon import add_limit
-from fopi_tune.design.global_search.compiled import CROSSOVER, CS, LOOP_GAIN, S, compiled
+from fopi_tune.design.global_search.compiled import CROSSOVER, CS, LOOP_GAIN, PS, T, compiled
 
 #: an E, and e^E, beyond which (1) is not worth its time
 _MOST_CHANGE, _MOST_GROWTH = 1.0, 2.8
@@ -113,11 +114,15 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
                     size, real = k * work.square[i, j], k * work.real[i, j]
                     imag = k * (work.controller[1, j] * table.imag[i, j] + work.controller[2, j] * table.real[i, j])
                     bound, sigma = inverse, 1.0
-                    if kind != S:
+                    if rows.tilt[q] != 0.0:
+                        bound *= math.exp(-rows.tilt[q] * table.log_omega[j])
+                    if kind in (T, CS):
                         part = 1.0 / (size * size)
                         size, real, imag, sigma = 1.0 / size, real * part, -imag * part, -1.0
                     if kind == CS:
                         bound *= math.exp(table.filter_gain[j] - table.gain[i, j])
+                    elif kind == PS:
+                        bound *= math.exp(table.plant_gain[i, j])
                     count = _band_row(sigma, side, bound, size, real, imag, grown, j, half, slopes, lin, count)
                 continue
             if kind == CROSSOVER:
@@ -129,7 +134,7 @@ def band_rows(kappa, half, table, rows, work, slopes, lin, count):
             elif kind != LOOP_GAIN:
                 continue
             for j in range(first, last + 1):
-                g = work.gain[i, j] + kappa
+                g = work.gain[i, j] + kappa - rows.tilt[q] * table.log_omega[j]
                 if upper and count >= 0 and g + half[0] + slopes[UP, j] > limit:
                     count = _gain_row(1.0, limit, g, j, half, slopes, lin, count)
                 here = lower and count >= 0 and (kind == LOOP_GAIN or j == first)

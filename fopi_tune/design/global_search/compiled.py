@@ -18,13 +18,14 @@ from fopi_tune.core.compiled.kept import kept, sources
 from fopi_tune.quantities.objectives import ObjectiveKind
 
 #: kinds of rows; those up to LOOP_GAIN are functions of frequency
-S, T, CS, LOOP_GAIN, PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN, CROSSOVER, PHASE_SLOPE = range(9)
+S, T, CS, PS, LOOP_GAIN, PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN, CROSSOVER, PHASE_SLOPE = range(10)
 #: rows that only an objective needs: |ln|L|| at the nominal crossover, and the discounted error
-GAIN_AT_REFERENCE, DISCOUNTED_ERROR = 9, 10
+GAIN_AT_REFERENCE, DISCOUNTED_ERROR = 10, 11
 KIND_OF_QUANTITY = {
     "sensitivity_db": S,
     "complementary_sensitivity_db": T,
     "control_sensitivity_db": CS,
+    "load_sensitivity_db": PS,
     "loop_gain_db": LOOP_GAIN,
     "phase_margin_deg": PHASE_MARGIN,
     "gain_margin_db": GAIN_MARGIN,
@@ -32,12 +33,13 @@ KIND_OF_QUANTITY = {
     "crossover_rad_s": CROSSOVER,
     "phase_slope_deg_per_decade": PHASE_SLOPE,
 }
-KI, IAE, S_PEAK, CS_PEAK, MARGIN_SPREAD, CROSSOVER_SPREAD, DEPTH = range(7)
+KI, IAE, S_PEAK, CS_PEAK, PS_PEAK, MARGIN_SPREAD, CROSSOVER_SPREAD, DEPTH = range(8)
 CODE_OF_OBJECTIVE = {
     ObjectiveKind.KI: KI,
     ObjectiveKind.IAE_DISTURBANCE: IAE,
     ObjectiveKind.SENSITIVITY_PEAK: S_PEAK,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: CS_PEAK,
+    ObjectiveKind.LOAD_SENSITIVITY_PEAK: PS_PEAK,
     ObjectiveKind.PHASE_MARGIN_SPREAD: MARGIN_SPREAD,
     ObjectiveKind.CROSSOVER_SPREAD: CROSSOVER_SPREAD,
     ObjectiveKind.DEPTH: DEPTH,
@@ -150,6 +152,13 @@ class Family(NamedTuple):
     powers: Any
 
 
+#: fields of a table that have a row for each plant, but for its points
+OF_PLANTS = (
+    "gain", "phase", "real", "imag", "delay", "unstable", "start_phase", "low_slope", "high_slope", "alias",
+    "error_gain", "members", "late", "plant_gain",
+)  # fmt: skip
+
+
 class Table(NamedTuple):
     """m plants at n frequencies, scaled: omega/omega_s and P/g_s; column 0 is omega -> 0 and the last omega -> inf.
 
@@ -163,7 +172,8 @@ class Table(NamedTuple):
 
     On samples v is that of `samples.py`, the last column is Nyquist's frequency, `delay` is 0 and `late` the whole
     samples of delay; `log_omega` = ln(omega/omega_s) is v itself in continuous time.  `filter_gain` = ln|F|, shape
-    (n,), is what |C S| has to be multiplied by, whose C has no filter here; 0 without one.
+    (n,), is what |C S| has to be multiplied by, whose C has no filter here; 0 without one.  `plant_gain` = ln|P|, shape
+    (m, n), has none either: it is ln|P S| where |S| = 1.
     """
 
     v: Any
@@ -185,13 +195,15 @@ class Table(NamedTuple):
     late: Any
     sampling: Sampling
     filter_gain: Any
+    plant_gain: Any
 
 
 class Rows(NamedTuple):
     """What is asked, a row each:  side (limit - value) scale >= 0, with side -1, 1, or 0 for an equality.
 
-    Limits are natural and scaled (neper, radian; times in 1/omega_s, |C| in 1/g_s).  `first` and `last` are columns of
-    a table, `low_v` and `high_v` the band itself.  `soft` rows need not hold: they only count in the depth.
+    Limits are natural and scaled (neper, radian; times in 1/omega_s, |C| in 1/g_s, |P| in g_s).  `first` and `last` are
+    columns of a table, `low_v` and `high_v` the band itself.  `soft` rows need not hold: they only count in the depth.
+    A function of frequency has the limit  limit + tilt ln(omega/omega_s) .
     """
 
     kind: Any
@@ -205,6 +217,7 @@ class Rows(NamedTuple):
     low_v: Any
     high_v: Any
     soft: Any
+    tilt: Any
 
 
 class Box(NamedTuple):
@@ -254,9 +267,7 @@ class Work(NamedTuple):
 
 def nominal_of(table: Table) -> Table:
     """The table of its first plant alone."""
-    of_plants = ("gain", "phase", "real", "imag", "delay", "unstable", "start_phase", "low_slope", "high_slope")
-    of_plants += ("alias", "error_gain", "members", "points", "late")
-    return table._replace(**{name: getattr(table, name)[:1] for name in of_plants})
+    return table._replace(**{name: getattr(table, name)[:1] for name in (*OF_PLANTS, "points")})
 
 
 def work_for(table: Table) -> Work:

@@ -4,9 +4,10 @@ With L0 = C0 P, a band's inequality at one frequency is a quadratic in k,
 
     |S|   <= M :   |L0|^2 k^2 + 2 Re L0 k + 1 - M^-2 >= 0
     |T|   <= M :   (1 - M^-2) |L0|^2 k^2 + 2 Re L0 k + 1 >= 0
-    |C S| <= M :   (|L0|^2 - |C0|^2 M^-2) k^2 + 2 Re L0 k + 1 >= 0 ,                                                (1)
+    |C S| <= M :   (|L0|^2 - |C0|^2 M^-2) k^2 + 2 Re L0 k + 1 >= 0                                                  (1)
+    |P S| <= M :   |L0|^2 k^2 + 2 Re L0 k + 1 - |P|^2 M^-2 >= 0
 
-(with a measurement filter F, which is counted to P, the last M is M/|F|)
+(with a measurement filter F, which is counted to P in L0, the M of |C S| is M/|F|; |P| in the last one has none)
 violated inside one interval of k; along neighbouring frequencies that violate, the union of these intervals is one
 interval again, from the smallest lower to the largest upper end.  A margin or another quantity of a crossover is read
 where ln|L0| = -kappa, so that a run of frequencies that violate forbids the interval that -ln|L0| covers there.
@@ -30,6 +31,7 @@ from fopi_tune.design.global_search.compiled import (
     NOTHING,
     PHASE_MARGIN,
     PHASE_SLOPE,
+    PS,
     S,
     compiled,
     order_by_first,
@@ -63,6 +65,8 @@ def band_interval(kind, limit, i, j, table, work):
     """Where (1) is violated at one frequency: interval of k."""
     if kind == CS:
         limit -= table.filter_gain[j]
+    elif kind == PS:
+        kind, limit = S, limit - table.plant_gain[i, j]
     return band_interval_of(
         kind, math.exp(-2.0 * limit), work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
     )
@@ -109,15 +113,20 @@ def _extreme(v, y, j, first, last):
 
 
 @compiled
-def forbid_band_above(kind, limit, i, first, last, table, work, count):
-    """Forbid what exceeds an upper limit of |S|, |T| or |C S| somewhere in the band."""
+def forbid_band_above(kind, limit, tilt, i, first, last, table, work, count):
+    """Forbid what exceeds an upper limit of |S|, |T|, |C S| or |P S| somewhere in the band."""
     begin, inverse = -1, math.exp(-2.0 * limit)
+    own = S if kind == PS else kind
     for j in range(first, last + 2):
         low, high = 1.0, 0.0
         if j <= last:
-            here = inverse * math.exp(2.0 * table.filter_gain[j]) if kind == CS else inverse
+            here = inverse if tilt == 0.0 else inverse * math.exp(-2.0 * tilt * table.log_omega[j])
+            if kind == CS:
+                here *= math.exp(2.0 * table.filter_gain[j])
+            elif kind == PS:
+                here *= math.exp(2.0 * table.plant_gain[i, j])
             low, high = band_interval_of(
-                kind, here, work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
+                own, here, work.square[i, j], work.real[i, j], work.controller[1, j], work.controller[2, j]
             )
             work.low[j], work.high[j] = low, high
         if high > low:
@@ -138,11 +147,11 @@ def forbid_band_above(kind, limit, i, first, last, table, work, count):
 
 
 @compiled
-def range_of_band_below(kind, limit, i, first, last, table, work):
-    """The kappa that stay above a lower limit of |S|, |T| or |C S| in the whole band: (low, high)."""
+def range_of_band_below(kind, limit, tilt, i, first, last, table, work):
+    """The kappa that stay above a lower limit of |S|, |T|, |C S| or |P S| in the whole band: (low, high)."""
     lower, upper = 0.0, np.inf
     for j in range(first, last + 1):
-        low, high = band_interval(kind, limit, i, j, table, work)
+        low, high = band_interval(kind, limit + tilt * table.log_omega[j], i, j, table, work)
         if high <= low:
             return 1.0, 0.0
         lower, upper = max(lower, low), min(upper, high)
@@ -298,14 +307,15 @@ def forbid_row(q, i, table, rows, work, count):
     low, high = -BEYOND, BEYOND
     if kind < LOOP_GAIN:
         if side > 0:
-            return forbid_band_above(kind, limit, i, first, last, table, work, count)
-        low, high = range_of_band_below(kind, limit, i, first, last, table, work)
+            return forbid_band_above(kind, limit, rows.tilt[q], i, first, last, table, work, count)
+        low, high = range_of_band_below(kind, limit, rows.tilt[q], i, first, last, table, work)
     elif kind == LOOP_GAIN:
         for j in range(first, last + 1):
+            here = limit + rows.tilt[q] * table.log_omega[j] - work.gain[i, j]
             if side > 0:
-                high = min(high, limit - work.gain[i, j])
+                high = min(high, here)
             else:
-                low = max(low, limit - work.gain[i, j])
+                low = max(low, here)
     elif kind in (PHASE_MARGIN, DELAY_MARGIN, GAIN_MARGIN):
         if kind == GAIN_MARGIN:
             found = collect_gain_margins(limit, i, table, work)

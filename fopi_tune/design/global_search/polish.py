@@ -27,6 +27,8 @@ from fopi_tune.design.global_search.compiled import (
     MARGIN_SPREAD,
     NOTHING,
     PHASE_MARGIN,
+    PS,
+    PS_PEAK,
     S_PEAK,
     Rows,
     S,
@@ -84,6 +86,7 @@ _MOST_FREED, _SAME_PLACE = 4, 0.2
 _OBJECTIVE_ROWS = {
     S_PEAK: ((S, 1),),
     CS_PEAK: ((CS, 1),),
+    PS_PEAK: ((PS, 1),),
     MARGIN_SPREAD: ((PHASE_MARGIN, 1), (PHASE_MARGIN, -1)),
     CROSSOVER_SPREAD: ((GAIN_AT_REFERENCE, 1),),
     IAE: ((DISCOUNTED_ERROR, 1),),
@@ -281,6 +284,7 @@ class Polish:
             value, _ = settle(
                 rows.kind[q], float(rows.side[q]), int(f[MODE]), controller_of(gains, table.sampling),
                 self.problem.scaled.member(f[FIELDS:]), f[V], f[NEAR], f[TARGET], *ends, self.problem.box.log_horizon,
+                rows.tilt[q],
             )  # fmt: skip
             if q < self.real_rows and inner_slack(rows.side[q], rows.limit[q], rows.scale[q], value) < -MEETS:
                 kept.append(f)
@@ -389,5 +393,5 @@ def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) ->
         joined(own.limit, [0.0] * count), joined(own.nominal, [False] * count), joined(own.first, [0] * count),
         joined(own.last, [last] * count), joined(own.scale, [1.0] * count), joined(own.in_depth, [False] * count),
         joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
-        joined(own.soft, [False] * count),
+        joined(own.soft, [False] * count), joined(own.tilt, [0.0] * count),
     )  # fmt: skip

@@ -29,6 +29,8 @@ from fopi_tune.design.global_search.compiled import (
     DELAY_MARGIN,
     DEPTH,
     KIND_OF_QUANTITY,
+    PS,
+    PS_PEAK,
     Box,
     Rows,
     Table,
@@ -238,13 +240,16 @@ class Problem:
             np.array(low),
             np.array(high),
             np.array([self.free is not None and c.requirement in self.free for c in self.constraints]),
+            np.array([0.0 if c.tilt is None else c.tilt.power for c in self.constraints]),
         )
 
     def _limit(self, constraint: Constraint, kind: int, tighter: float) -> float:
         guard = constraint.requirement == STABILITY_GUARD
         limit = constraint.limit - (0.0 if guard else constraint.bound.value * tighter / constraint.scale)
-        if kind == CS:
-            return limit + math.log(self.scale.gain)
+        if constraint.tilt is not None:
+            limit -= constraint.tilt.power * math.log(constraint.tilt.omega_rad_s / self.scale.omega_rad_s)
+        if kind in (CS, PS):
+            return limit + (1.0 if kind == CS else -1.0) * math.log(self.scale.gain)
         if kind == CROSSOVER:
             return limit - math.log(self.scale.omega_rad_s)
         return limit * self.scale.omega_rad_s if kind == DELAY_MARGIN else limit
@@ -313,9 +318,9 @@ class Problem:
         return bool(np.any(members[:, 8] == 0.0)) and self.spec.controller.ki.min <= 0.0 <= self.spec.controller.ki.max
 
     @property
-    def cs_peak_offset(self) -> float:
-        """What ln|C S| in scaled numbers is larger by than in the user's unit."""
-        return math.log(self.scale.gain) if self.code == CS_PEAK else 0.0
+    def peak_offset(self) -> float:
+        """What ln|C S| or ln|P S| in scaled numbers is larger by than in the user's unit."""
+        return {CS_PEAK: 1.0, PS_PEAK: -1.0}.get(self.code, 0.0) * math.log(self.scale.gain)
 
     def loops(self, gains: FoPi, points: Array) -> Loops:
         """The loops of gains with the plants at points of the box.

@@ -20,6 +20,7 @@ from fopi_tune.design.global_search.compiled import (
     GAIN_MARGIN,
     LOOP_GAIN,
     PHASE_MARGIN,
+    PS,
     S,
     T,
     compiled,
@@ -57,6 +58,13 @@ def loop_at(x, plant, v, near):
 
 
 @compiled
+def undelayed_phase(i, j, table, work):
+    """arg L at a column without the dead time or the whole samples of delay."""
+    turned = turn_of(table.v[j], table.late[i], table.sampling.half)
+    return work.phase[i, j] + math.exp(table.v[j]) * table.delay[i] + turned
+
+
+@compiled
 def log_filter_at(plant, v):
     """ln|F| at omega_s e^v."""
     lag = plant[LAG]
@@ -87,17 +95,27 @@ def value_at(kind, x, plant, v, near):
     if kind in (PHASE_MARGIN, DELAY_MARGIN):
         lag = (phase + _PI) % (2.0 * _PI)
         return min(lag, 2.0 * _PI - lag) if kind == PHASE_MARGIN else lag * math.exp(-log_omega_of(v, half_of(x)))
-    if kind in (S, T, CS):
+    if kind in (S, T, CS, PS):
         linear = math.exp(gain)
         log_s = -0.5 * math.log(max(1.0 + linear * (linear + 2.0 * math.cos(phase)), 1e-300))
-        return log_s + (0.0 if kind == S else (gain if kind == T else log_c + log_filter_at(plant, v)))
+        if kind in (S, T):
+            return log_s + (gain if kind == T else 0.0)
+        log_c += log_filter_at(plant, v)
+        return log_s + (log_c if kind == CS else gain - log_c)
     above, below = loop_at(x, plant, v + _STEP, near)[1], loop_at(x, plant, v - _STEP, near)[1]
     return (above - below) / (2.0 * _STEP) * math.log(10.0) / stretch_of(v, half_of(x))
 
 
 @compiled
-def peak_near(kind, side, x, plant, v, near, low, high):
-    """The frequency of the largest (side 1) or smallest (-1) value near v, inside [low, high]."""
+def tilted_at(kind, x, plant, v, near, tilt):
+    """A quantity's value less tilt ln(omega/omega_s)."""
+    value = value_at(kind, x, plant, v, near)
+    return value - tilt * log_omega_of(v, half_of(x)) if tilt != 0.0 else value
+
+
+@compiled
+def peak_near(kind, side, x, plant, v, near, low, high, tilt):
+    """The frequency of the largest (side 1) or smallest (-1) value near v, inside [low, high]; less its tilt."""
     longest = 0.15
     turn = turn_rate(v, plant[DELAY], half_of(x))
     if turn > 3.0:
@@ -105,13 +123,13 @@ def peak_near(kind, side, x, plant, v, near, low, high):
     h = min(_STEP, 0.02 * longest)
     best, base, step = -np.inf, v, 0.0
     for _ in range(16):
-        at = value_at(kind, x, plant, v, near)
+        at = tilted_at(kind, x, plant, v, near, tilt)
         if side * at < best:
             # beyond a peak that is narrower than the step
             step *= 0.25
         else:
             best, base = side * at, v
-            above, below = value_at(kind, x, plant, v + h, near), value_at(kind, x, plant, v - h, near)
+            above, below = tilted_at(kind, x, plant, v + h, near, tilt), tilted_at(kind, x, plant, v - h, near, tilt)
             slope, bend = (above - below) / (2.0 * h), (above - 2.0 * at + below) / (h * h)
             step = -slope / bend if side * bend < -1e-6 else 0.1 * side * (1.0 if slope > 0.0 else -1.0)
             step = min(max(step, -longest), longest)
@@ -140,6 +158,21 @@ def crossing_near(which, target, x, plant, v, near):
 
 
 @compiled
+def ripple_near(kind, side, x, plant, v, near, target, tilt):
+    """The frequency of the largest ripple behind a dead time, from the phase crossover at v over its neighbours."""
+    v = crossing_near(1, target, x, plant, v, near)
+    best = side * tilted_at(kind, x, plant, v, near, tilt)
+    for way in (1.0, -1.0):
+        for step in range(1, 60):
+            there = crossing_near(1, target + way * 2.0 * _PI * step, x, plant, v, near)
+            value = side * tilted_at(kind, x, plant, there, near, tilt)
+            if value <= best:
+                break
+            best, v = value, there
+    return v
+
+
+@compiled
 def discounted_error(x, plant, log_horizon):
     """ln |F P/(1 + C P)| at the horizon's s = e^-log_horizon, scaled; F is a number there."""
     s, a, b = math.exp(-log_horizon), 0.0, 0.0
@@ -150,16 +183,16 @@ def discounted_error(x, plant, log_horizon):
 
 
 @entry
-def settle(kind, side, mode, x, plant, v, near, target, low, high, log_horizon):
-    """(value, v) of a quantity at a plant, the frequency following its peak or crossing."""
+def settle(kind, side, mode, x, plant, v, near, target, low, high, log_horizon, tilt):
+    """(value, v) of a quantity less its tilt at a plant, the frequency following its peak or crossing."""
     if kind == DISCOUNTED_ERROR:
         return discounted_error(x, plant, log_horizon), v
     if mode == AT_INFINITY:
         return math.log(abs(controller_at_infinity(x)) + 1e-300), v
     if mode == AT_PEAK:
-        v = peak_near(kind, side, x, plant, v, near, low, high)
+        v = peak_near(kind, side, x, plant, v, near, low, high, tilt)
     elif mode == AT_GAIN:
         v = crossing_near(0, 0.0, x, plant, v, near)
     elif mode == AT_PHASE:
         v = crossing_near(1, target, x, plant, v, near)
-    return value_at(kind, x, plant, v, near), v
+    return tilted_at(kind, x, plant, v, near, tilt), v

@@ -18,6 +18,7 @@ from fopi_tune.design.global_search.compiled import (
     LOOP_GAIN,
     PHASE_MARGIN,
     PHASE_SLOPE,
+    PS,
     Rows,
     S,
     T,
@@ -178,11 +179,13 @@ def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: floa
         p[INDEX["is_first"]] = float(len(x) > 3 and x[FILTER] > 0.0 and x[MU] == 1.0)
         return Slot(p, 0.0, q, is_equal)
     p[INDEX[_EQUATION[mode]]] = 1.0
-    if kind in (S, T, CS):
+    if kind in (S, T, CS, PS):
+        # ln|P| = ln|L| - ln|C|
         p[INDEX["log_s"]] = 1.0
-        p[INDEX["log_l"]], p[INDEX["log_c"]] = float(kind == T), float(kind == CS)
+        p[INDEX["log_l"]], p[INDEX["log_c"]] = float(kind in (T, PS)), float(kind == CS) - float(kind == PS)
+        p[INDEX["log_omega"]] = -rows.tilt[q]
     elif kind in (LOOP_GAIN, GAIN_AT_REFERENCE):
-        p[INDEX["log_l"]] = 1.0
+        p[INDEX["log_l"]], p[INDEX["log_omega"]] = 1.0, -rows.tilt[q]
         if kind == GAIN_AT_REFERENCE:
             p[INDEX["limit"]] = 0.0
     elif kind == GAIN_MARGIN:

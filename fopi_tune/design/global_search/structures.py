@@ -109,7 +109,7 @@ def with_orders(alpha, mu, table):
     return Table(
         table.v, table.omega, table.gain, table.phase, table.real, table.imag, table.delay, table.unstable,
         table.start_phase, table.low_slope, table.high_slope, table.alias, table.error_gain, table.members,
-        table.points, table.log_omega, table.late, sampling, table.filter_gain,
+        table.points, table.log_omega, table.late, sampling, table.filter_gain, table.plant_gain,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, Complex
+from fopi_tune.core.bode_form import Array, Complex, Rows
 from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parametric.family import ParametricFamily
@@ -21,7 +21,7 @@ from fopi_tune.core.roots import times
 from fopi_tune.core.sampled_loops import SampledPlants
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.design.constraints import Scale
-from fopi_tune.design.global_search.compiled import END, NO_SAMPLES, Family, Sampling, Table
+from fopi_tune.design.global_search.compiled import END, NO_SAMPLES, OF_PLANTS, Family, Sampling, Table
 from fopi_tune.design.global_search.samples import Samples, plant_of
 from fopi_tune.errors import DomainError
 
@@ -44,11 +44,6 @@ _NARROWEST = 1e-3
 _FIRST_LOG_NU, _LAST_LOG_NU = -2.5, 14.0
 #: columns on which whole samples of delay turn
 _MOST_TURNS = 4000
-#: fields of a table that have a row for each plant, but for its points
-_OF_PLANTS = (
-    "gain", "phase", "real", "imag", "delay", "unstable", "start_phase", "low_slope", "high_slope", "alias",
-    "error_gain", "members", "late",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -324,6 +319,7 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     at_end = np.where(np.abs(high_slope) < 1e-9, end_gain - log_gain, np.sign(high_slope) * END)
     at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)
     gain = np.clip(np.column_stack([at_zero, gain, at_end]), -END, END)
+    plant_gain = gain if filtered is None else _unfiltered_gain(plants, rows, all_u, log_gain)
     end_phase = np.where(plants.dead_time_s > 0, phase[:, -1], end_phase)
     phase = np.column_stack([form.phase0, phase, end_phase])
     v = u - math.log(omega_s if samples is None else samples.half)
@@ -351,7 +347,7 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
         v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), delay,
         plants.unstable_poles.astype(np.int64), form.phase0 - 0.5 * np.pi * form.slope0,
         form.slope0.astype(float), high_slope.astype(float), alias, error_gain, members, points.astype(float),
-        log_omega, np.ascontiguousarray(late), scaled.sampling, filter_gain,
+        log_omega, np.ascontiguousarray(late), scaled.sampling, filter_gain, np.ascontiguousarray(plant_gain),
     )  # fmt: skip
 
 
@@ -360,15 +356,25 @@ def _table_of_list(scaled: Scaled, family: PlantList, places: Array, omega_rad_s
     parts = [(rows, table_of(scaled.parts[k], own, omega_rad_s, horizon_s)) for k, rows, own in family.parts(places)]
     order = np.argsort(np.concatenate([rows for rows, _ in parts]), kind="stable")
     tables = [table for _, table in parts]
-    stacked = {name: np.concatenate([getattr(table, name) for table in tables])[order] for name in _OF_PLANTS}
+    stacked = {name: np.concatenate([getattr(table, name) for table in tables])[order] for name in OF_PLANTS}
     return tables[0]._replace(**stacked, points=places.astype(float))
 
 
 def table_of_member(table: Table, family: PlantList, index: int) -> Table:
     """One member's rows of a list's table, with points of that member's box."""
     rows = np.flatnonzero(table.points[:, 0] == index)
-    own = {name: getattr(table, name)[rows] for name in _OF_PLANTS}
+    own = {name: getattr(table, name)[rows] for name in OF_PLANTS}
     return table._replace(**own, points=family.point(index, table.points[rows]))
+
+
+def _unfiltered_gain(plants: Plants, rows: Rows, u: Array, log_gain: float) -> Array:
+    """ln|P| of a table's columns, without the measurement filter."""
+    form = plants.log
+    inside = form.value(rows, u).real.reshape(len(plants), -1) - log_gain
+    high_slope = form.slope_end()
+    at_end = np.where(np.abs(high_slope) < 1e-9, form.end()[0] - log_gain, np.sign(high_slope) * END)
+    at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)
+    return np.clip(np.column_stack([at_zero, inside, at_end]), -END, END)
 
 
 def _filter_in_table(scaled: Scaled) -> MeasurementFilter | None:

@@ -24,6 +24,8 @@ from fopi_tune.design.global_search.compiled import (
     NOTHING,
     PHASE_MARGIN,
     PHASE_SLOPE,
+    PS,
+    PS_PEAK,
     S_PEAK,
     S,
     T,
@@ -40,8 +42,8 @@ _NEAR = 0.1
 
 
 @compiled
-def extreme_of_band(kind, largest, kappa, i, first, last, table, work):
-    """The largest or smallest ln of |S|, |T|, |C S| or |L| over columns."""
+def extreme_of_band(kind, largest, tilt, kappa, i, first, last, table, work):
+    """The largest or smallest ln of |S|, |T|, |C S|, |P S| or |L| over columns, less tilt ln(omega/omega_s)."""
     k = math.exp(kappa)
     best = -np.inf if largest else np.inf
     for j in range(first, last + 1):
@@ -54,10 +56,14 @@ def extreme_of_band(kind, largest, kappa, i, first, last, table, work):
             elif kind == CS:
                 value *= work.controller[1, j] ** 2 + work.controller[2, j] ** 2
                 value *= math.exp(2.0 * table.filter_gain[j])
+            elif kind == PS:
+                value *= math.exp(2.0 * table.plant_gain[i, j])
+        if tilt != 0.0:
+            value *= math.exp(-2.0 * tilt * table.log_omega[j])
         best = max(best, value) if largest else min(best, value)
     if best <= 0.0:
         return -NOTHING
-    return 0.5 * math.log(best) + (0.0 if kind == S else kappa)
+    return 0.5 * math.log(best) + (0.0 if kind in (S, PS) else kappa)
 
 
 @compiled
@@ -89,7 +95,8 @@ def measured(q, kappa, i, table, rows, work):
     """The value of row q's quantity for plant i, the side the row asks about; NOTHING where there is none."""
     kind = rows.kind[q]
     if kind <= LOOP_GAIN:
-        return extreme_of_band(kind, rows.side[q] >= 0, kappa, i, rows.first[q], rows.last[q], table, work)
+        largest, tilt = rows.side[q] >= 0, rows.tilt[q]
+        return extreme_of_band(kind, largest, tilt, kappa, i, rows.first[q], rows.last[q], table, work)
     if kind == GAIN_MARGIN:
         best = NOTHING
         for r in range(work.cross_count[i]):
@@ -142,11 +149,10 @@ def cost(code, kappa, third, c, s, table, rows, box, work):
             p = table.error_gain[i]
             worst = max(worst, abs(p / (1.0 + controller * p)))
         return math.log(worst) if worst > 0.0 else -NOTHING
-    if code in (S_PEAK, CS_PEAK):
-        worst = -NOTHING
+    if code in (S_PEAK, CS_PEAK, PS_PEAK):
+        worst, kind = -NOTHING, S if code == S_PEAK else CS if code == CS_PEAK else PS
         for i in range(m):
-            kind = S if code == S_PEAK else CS
-            worst = max(worst, extreme_of_band(kind, True, kappa, i, 0, n - 1, table, work))
+            worst = max(worst, extreme_of_band(kind, True, 0.0, kappa, i, 0, n - 1, table, work))
         return worst
     if code == MARGIN_SPREAD:
         nominal, worst = at_crossovers(PHASE_MARGIN, kappa, 0, table, work), 0.0
@@ -178,7 +184,7 @@ def _keep(q, kappa, count, table, rows, work, out):
 
 @compiled
 def _keep_roots(kind, limit, j, count, table, work, out):
-    """The one or two k with |S|, |T| or |C S| = e^limit at a frequency."""
+    """The one or two k with |S|, |T|, |C S| or |P S| = e^limit at a frequency."""
     low, high = band_interval(kind, limit, 0, j, table, work)
     for k in (low, high):
         if 0.0 < k < math.inf and low < high and count < len(out):
@@ -196,7 +202,7 @@ def equality_gains(q, table, rows, work, out):
     if kind == LOOP_GAIN:
         out[0] = limit - work.gain[0, rows.first[q]]
         return 1
-    if kind <= CS:
+    if kind < LOOP_GAIN:
         return _keep_roots(kind, limit, rows.first[q], 0, table, work, out)
     if kind == GAIN_MARGIN:
         for r in range(work.cross_count[0]):

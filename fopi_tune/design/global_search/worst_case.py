@@ -20,6 +20,7 @@ from fopi_tune.design.global_search.compiled import (
     GAIN_MARGIN,
     LOOP_GAIN,
     PHASE_MARGIN,
+    PS,
     S,
     T,
     compiled,
@@ -38,10 +39,12 @@ from fopi_tune.design.global_search.responses import (
     AT_REFERENCE,
     copy_into,
     crossing_near,
+    ripple_near,
     settle,
+    undelayed_phase,
     value_at,
 )
-from fopi_tune.design.global_search.samples import plant_of, turn_of
+from fopi_tune.design.global_search.samples import plant_of
 
 _PI = math.pi
 #: columns of a finding, before the plant's point
@@ -97,9 +100,11 @@ def _band_dips(q, i, x, table, rows, work, y, found, count):
                 value = -0.5 * math.log(square)
             elif kind == T:
                 value += -0.5 * math.log(square)
+            elif kind == PS:
+                value = table.plant_gain[i, j] - 0.5 * math.log(square)
             else:
                 value = work.controller[0, j] + table.filter_gain[j] - 0.5 * math.log(square)
-        y[j] = inner_slack(side, rows.limit[q], rows.scale[q], value)
+        y[j] = inner_slack(side, rows.limit[q] + rows.tilt[q] * table.log_omega[j], rows.scale[q], value)
     for j in range(first, last + 1):
         left = j == first or y[j] <= y[j - 1]
         right = j == last or y[j] < y[j + 1]
@@ -205,13 +210,6 @@ def _phase_dips(q, i, table, rows, work, found, count):
     return count if count > first or side < 0 else -1
 
 
-@compiled
-def undelayed_phase(i, j, table, work):
-    """arg L at a column without the dead time or the whole samples of delay."""
-    turned = turn_of(table.v[j], table.late[i], table.sampling.half)
-    return work.phase[i, j] + math.exp(table.v[j]) * table.delay[i] + turned
-
-
 @entry
 def highest_crossover(x, table, work):
     """(v, near, whether there is one) of the nominal plant's highest gain crossover."""
@@ -243,27 +241,30 @@ def smallest_margin(x, table, work):
 
 
 @compiled
-def _ripple(kind, side, x, plant, v, near, target):
-    """The frequency of the largest ripple behind a dead time, from the phase crossover at v over its neighbours."""
-    v = crossing_near(1, target, x, plant, v, near)
-    best = side * value_at(kind, x, plant, v, near)
-    for way in (1.0, -1.0):
-        for step in range(1, 60):
-            there = crossing_near(1, target + way * 2.0 * _PI * step, x, plant, v, near)
-            value = side * value_at(kind, x, plant, there, near)
-            if value <= best:
-                break
-            best, v = value, there
-    return v
-
-
-@compiled
 def _worst_plant(
-    kind, side, limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon, family, low, high, spacing
+    kind,
+    side,
+    limit,
+    scale,
+    mode,
+    x,
+    point,
+    plant,
+    v,
+    near,
+    target,
+    low_v,
+    high_v,
+    horizon,
+    family,
+    low,
+    high,
+    spacing,
+    tilt,
 ):
     """Compass search over the box from a plant of the grid: (slack, v); `point` and `plant` are moved."""
     p = len(point)
-    value, v = settle(kind, side, mode, x, plant, v, near, target, low_v, high_v, horizon)
+    value, v = settle(kind, side, mode, x, plant, v, near, target, low_v, high_v, horizon, tilt)
     best = inner_slack(side, limit, scale, value)
     trial, other = point.copy(), plant.copy()
     inside = False
@@ -275,7 +276,7 @@ def _worst_plant(
             copy_into(point, trial)
             trial[k] += (0.02 if point[k] == low[k] else -0.02) * spacing[k]
             plant_of(family, trial, other)
-            value, _ = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon)
+            value, _ = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon, tilt)
             if inner_slack(side, limit, scale, value) < best:
                 size = 0.5
     while size > _CLOSE:
@@ -287,7 +288,7 @@ def _worst_plant(
                 if trial[k] == point[k]:
                     continue
                 plant_of(family, trial, other)
-                value, at = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon)
+                value, at = settle(kind, side, mode, x, other, v, near, target, low_v, high_v, horizon, tilt)
                 slack = inner_slack(side, limit, scale, value)
                 if slack < best - 1e-13 and math.isfinite(slack) and abs(at - v) < _APART:
                     best, v, moved = slack, at, True
@@ -311,8 +312,7 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
         known: (v, near) of the crossover that gains at a reference are about; empty where it is the first plant's.
         work, out: scratch arrays, and room for findings, shape (most, 6 + p).
     """
-    m, n = table.gain.shape
-    p = table.points.shape[1]
+    (m, n), p = table.gain.shape, table.points.shape[1]
     fill_ray(x[2], x[0], x[1], table, work)
     find_passages(x[2], x[0], x[1], table, work)
     if not is_stable_on(table, work):
@@ -336,7 +336,7 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
                 value = value_at(kind, x, table.members[i], reference, reference_near)
                 count = _offer(found, count, -abs(value), i, 0, reference, AT_REFERENCE, 0.0)
             elif kind == DISCOUNTED_ERROR:
-                value, _ = settle(kind, side, AT_HORIZON, x, table.members[i], 0.0, 0.0, 0.0, 0.0, 0.0, horizon)
+                value, _ = settle(kind, side, AT_HORIZON, x, table.members[i], 0.0, 0.0, 0.0, 0.0, 0.0, horizon, 0.0)
                 count = _offer(found, count, -value, i, 0, 0.0, AT_HORIZON, 0.0)
             else:
                 count = _crossover_dips(q, i, table, rows, work, found, count)
@@ -365,9 +365,9 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
             point, plant = table.points[i].copy(), table.members[i].copy()
             target, way = dip[5], float(side)
             if mode == AT_PEAK and target != 0.0:
-                v = _ripple(kind, way, x, plant, v, near, target)
+                v = ripple_near(kind, way, x, plant, v, near, target, rows.tilt[q])
             low_v, high_v = max(rows.low_v[q], table.v[1]), min(rows.high_v[q], table.v[n - 2])
-            limit, scale = rows.limit[q], rows.scale[q]
+            limit, scale, tilt = rows.limit[q], rows.scale[q], rows.tilt[q]
             if kind == GAIN_AT_REFERENCE:
                 # |ln|L|| is largest where ln|L| is, or where it is smallest
                 way = 1.0 if value_at(kind, x, plant, v, near) > 0.0 else -1.0
@@ -375,10 +375,10 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
             if p > 0 and not rows.nominal[q]:
                 best, v = _worst_plant(
                     kind, int(way), limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon,
-                    family, low, high, spacing,
+                    family, low, high, spacing, tilt,
                 )  # fmt: skip
             else:
-                value, v = settle(kind, int(way), mode, x, plant, v, near, target, low_v, high_v, horizon)
+                value, v = settle(kind, int(way), mode, x, plant, v, near, target, low_v, high_v, horizon, tilt)
                 best = inner_slack(int(way), limit, scale, value)
             if kind <= LOOP_GAIN and j == 0:
                 best = min(best, dip[0])  # the limit omega -> 0, which a slow integral approaches below the table

@@ -60,7 +60,9 @@ def cut_slacks(x, cuts, rows, family, sampling, low_v, high_v, horizon, referenc
             out[n] = -abs(value_at(kind, controller, plant, reference, cut[NEAR]))
             continue
         low, high = max(rows.low_v[q], low_v), min(rows.high_v[q], high_v)
-        value, _ = settle(kind, side, mode, controller, plant, cut[V], cut[NEAR], cut[TARGET], low, high, horizon)
+        value, _ = settle(
+            kind, side, mode, controller, plant, cut[V], cut[NEAR], cut[TARGET], low, high, horizon, rows.tilt[q]
+        )
         # of an equality the signed distance: its slack has a kink where it is met
         out[n] = (limit - value) * scale if side == 0 else inner_slack(side, limit, scale, value)
 

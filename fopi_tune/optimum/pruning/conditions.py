@@ -16,7 +16,7 @@ from enum import StrEnum
 
 from flint import arb
 
-from fopi_tune.core.peaks import Response
+from fopi_tune.core.peaks import Response, Tilt
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.quantities.responses import FrequencyFunction
@@ -65,6 +65,9 @@ class Condition:
         band_rad_s: of a response, both ends included.
         rate: of a delay margin, its limit, s; of stability the additional dead time, s.
         horizon_s: of the disturbance's error.
+        line: of a response whose limit is a line over ln omega, what it rises by from the lower to the upper end of the
+            band, neper; `level` is then that at the lower end.
+        tilt: the same in floating point.
     """
 
     test: Test
@@ -78,6 +81,15 @@ class Condition:
     band_rad_s: tuple[float, float] = (0.0, math.inf)
     rate: arb | None = None
     horizon_s: float = 0.0
+    line: arb | None = None
+    tilt: Tilt | None = None
+
+    def level_at(self, omega_rad_s: float) -> arb:
+        """The level of a response's limit at a frequency, neper."""
+        if self.line is None:
+            return self.level
+        low, high = (arb(end) for end in self.band_rad_s)
+        return self.level + self.line * (arb(omega_rad_s) / low).log() / (high / low).log()
 
     @property
     def words(self) -> str:
@@ -102,6 +114,7 @@ class Conditions:
 _PEAKS = {
     ObjectiveKind.SENSITIVITY_PEAK: Response.SENSITIVITY,
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: Response.CONTROL_SENSITIVITY,
+    ObjectiveKind.LOAD_SENSITIVITY_PEAK: Response.LOAD_SENSITIVITY,
 }
 
 
@@ -171,6 +184,8 @@ def _of_requirement(
             yield Condition(
                 Test.RESPONSE, name, upper, db(limit) + shift, **common,
                 response=quantity.response, band_rad_s=(requirement.from_rad_s, requirement.to_rad_s),
+                line=None if requirement.end_limit is None else db(requirement.end_limit) - db(limit),
+                tilt=requirement.tilt,
             )  # fmt: skip
         elif name == "phase_margin_deg":
             yield Condition(Test.MARGIN, name, upper, degrees(limit) + shift, **common)

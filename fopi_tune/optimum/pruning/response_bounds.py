@@ -7,6 +7,7 @@ Such a limit says that C stays outside a disc, or inside, or on one side of a li
     |S|   <= M    -|P|^2 |C|^2 - 2 Re(P C) - 1 + 1/M^2
     |T|   <= M    (1 - M^2) |P|^2 |C|^2 - 2 M^2 Re(P C) - M^2
     |C S| <= M    (1 - M^2 |P|^2) |C|^2 - 2 M^2 Re(P C) - M^2
+    |P S| <= M    -|P|^2 |C|^2 - 2 Re(P C) - 1 + |P|^2/M^2
     |L|   <= M    |P|^2 |C|^2 - M^2                                                                                (1)
 
 and the opposite for >=.  With the Taylor model of `fopi_tune.optimum.parametrization` and w = a conj(C_c) + b,
@@ -63,6 +64,8 @@ def quadratic(response: Response, p: acb, limit: arb, upper: bool) -> tuple[arb,
     size = abs(p) ** 2
     if response is Response.SENSITIVITY:
         found = -size, -p, 1 / limit - 1
+    elif response is Response.LOAD_SENSITIVITY:
+        found = -size, -p, size / limit - 1
     elif response is Response.LOOP_GAIN:
         found = size, acb(0), -limit
     else:

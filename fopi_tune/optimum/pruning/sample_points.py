@@ -209,7 +209,7 @@ def _excesses(condition: Condition, loops: Loops, plants: Array, count: int) -> 
     """Violation of a condition by each controller (rows) and plant (columns), neper, and its frequency."""
     assert condition.response is not None
     try:
-        at = extremes(loops, condition.response, *condition.band_rad_s, condition.upper)
+        at = extremes(loops, condition.response, *condition.band_rad_s, condition.upper, condition.tilt)
     except DomainError:
         return None, plants
     level = float(condition.level.mid())

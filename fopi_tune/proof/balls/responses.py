@@ -1,15 +1,15 @@
-"""L, S, T, C S over one box of frequencies and plants, in ball arithmetic, with the derivatives of ln L.
+"""L, S, T, C S, P S over one box of frequencies and plants, in ball arithmetic, with the derivatives of ln L.
 
 On every piece of the frequency axis, with s = j omega, the loop is written with finite factors,
 
-    L = c n/(x d),    S = x d/F,    T = c n/F,    C S = c d/F,    F = x d + c n,
+    L = c n/(x d),    S = x d/F,    T = c n/F,    C S = c d/F,    P S = x n/F,    F = x d + c n,
 
 between            c = C(s)                x = 1          n = N(s) e^{-Ls}          d = D(s)
 omega -> 0         c = s^a C(s)            x = s^a        n = N(s) e^{-Ls}          d = D(s)
 omega -> inf       c = C(s)                x = 1          n = N(s)/s^k e^{-Ls}      d = D(s)/s^k ,
 
 a the order of the integral, 0 without one, and k the degree of D; with a measurement filter F, N/D is that of F P, C
-the controller without it, and C S has F once more.  With sigma = 1/s these c are
+the controller without it, C S has F once more, and P S 1/F.  With sigma = 1/s these c are
 
 between            kp + ki s^-alpha              kp + ki/s + kd s/(Tf s + 1)
 omega -> 0         kp s^alpha + ki               kp s + ki + kd s^2/(Tf s + 1)
@@ -39,7 +39,7 @@ _UNIT_DISC = acb(arb(0, 1), arb(0, 1))
 
 
 class LoopEnclosure:
-    """The loop over one box:  L, S, T, C S and the derivatives of ln L.
+    """The loop over one box:  L, S, T, C S, P S and the derivatives of ln L.
 
     Every value is computed on first use and cached.
 
@@ -179,6 +179,32 @@ class LoopEnclosure:
     def noise_gain(self) -> acb:
         """c with the measurement filter: what |C S| has where |S| = 1."""
         return self.c if self.loop.filter_bottom is None else self.c * self.at.filter
+
+    @computed_once
+    def load_sensitivity(self) -> acb:
+        """P S = T/C; the second form where L is large and P may be unbounded."""
+        if self.gain.is_finite() and not self.gain.abs_lower() > 1:
+            top, bottom = self.plant_sides
+            return (top if self.delay is None else top * self.delay) / bottom * self.sensitivity
+        top = self.complementary if self.x is None else self.x * self.complementary
+        return top / self.noise_gain
+
+    @property
+    def plant_size(self) -> tuple[arb, arb]:
+        """Bounds of |P|, sharp behind a dead time: what |P S| has where |S| = 1."""
+        (top, bottom), gain = self.plant_sides, abs(self.plant.gain.value)
+        most = gain * top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
+        return gain * top.abs_lower() / bottom.abs_upper(), most
+
+    @computed_once
+    def plant_sides(self) -> tuple[acb, acb]:
+        """P without delay, `gain` and measurement filter as a quotient:  N/D is F P, and 1/F a polynomial."""
+        bottom = self.loop.filter_bottom
+        if bottom is None:
+            return self.numerator, self.d
+        if not self.high_tail:
+            return self.numerator * bottom.at(self.s), self.d
+        return self._scaled(self.plant.top, self.degree - bottom.degree) * bottom.reversed.at(self.s), self.d
 
     # -- derivatives ------------------------------------------------------------------------------------------------
 

@@ -109,8 +109,7 @@ class SampledBallLoop(BallLoop):
 
     def controller(self, u: arb) -> tuple[acb, acb]:
         """C and d ln C/du over a ball of u."""
-        nu = u.exp()
-        value, slope = value_and_derivative(self.sections, acb(0, nu))
+        value, slope = value_and_derivative(self.sections, acb(0, u.exp()))
         return value, slope / value
 
     def controller_far_up(self, inverse: acb) -> acb:
@@ -152,11 +151,7 @@ class SampledBallLoop(BallLoop):
         return samples_spanned(samples)
 
     def _held(
-        self,
-        plant: PlantEnclosure,
-        theta: Sequence[arb],
-        span: tuple[int, int],
-        fixed: Collection[int] = (),
+        self, plant: PlantEnclosure, theta: Sequence[arb], span: tuple[int, int], fixed: Collection[int] = ()
     ) -> PlantEnclosure:
         """The plants behind the hold, with F; without their derivatives along the fixed axes."""
         return filtered(self._held_alone(plant, theta, span, fixed), self.filter_bottom)
@@ -191,11 +186,9 @@ class SampledBallLoop(BallLoop):
         whole = self._continuous([ball_of(side) for side in self.family_box])
         if number.is_exact or not whole.has_direct_path:
             return None
-        sample_time_s, delay = self.implementation.sample_time_s, self.implementation.delay_samples
+        step, delay = self.implementation.sample_time_s, self.implementation.delay_samples
         return pieces_of(
-            (number.min, number.max),
-            lambda dead_time_s: arb(dead_time_s) / self.sample_time + arb(delay),
-            lambda m: (m - delay) * sample_time_s,
+            (number.min, number.max), lambda s: arb(s) / self.sample_time + arb(delay), lambda m: (m - delay) * step
         )
 
     @cached_property
@@ -304,6 +297,15 @@ class SampledLoopEnclosure(LoopEnclosure):
         assert delay is not None, "a hold is late by a sample at least"
         return top * delay, bottom
 
+    @computed_once
+    def plant_sides(self) -> tuple[acb, acb]:
+        """P without delay, `gain` and measurement filter as a quotient; `delay` has the gain."""
+        if not self.at.is_beyond_one:
+            return super().plant_sides
+        inverse, top, bottom = self.at.inverse, self.plant.top, self.loop.filter_bottom or Polynomial([arb(1)])
+        value = top.reversed.at(inverse) * bottom.reversed.at(inverse)
+        return self._to_degree(value, top.degree + bottom.degree), self._over_power[1]
+
     def term_share(self, power: int, coefficient: arb, above: bool) -> acb:
         """coefficient w^power over N, or over D."""
         if not self.at.is_beyond_one:
@@ -335,8 +337,7 @@ class SampledLoopEnclosure(LoopEnclosure):
         plant, delay = self.plant, self.delay
         assert delay is not None
         inner = (steepness + controller * self._delay_slope) * self.numerator
-        inner = inner + controller * plant.top.own_derivative(self.s)
-        return plant.bottom.own_derivative(self.s) + inner * delay
+        return plant.bottom.own_derivative(self.s) + (inner + controller * plant.top.own_derivative(self.s)) * delay
 
     @computed_once
     def log_gradient(self) -> list[acb]:

@@ -3,14 +3,15 @@
 P = K h/(1 + jx) with x = omega tau, h = e^{-j omega L}, and G = K C h = A - 1 + jb.  For every omega the plants are
 the interval x1 <= x <= x2, x1 = omega tau_min, x2 = omega tau_max.
 
-Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = |C|^2 (1 + x^2)/(...), |L|^2 =
-|G|^2/(1 + x^2).  Each bound M is a quadratic that must not be negative on the interval,
+Responses.  |S|^2 = (1 + x^2)/(A^2 + (x + b)^2), |T|^2 = |G|^2/(...), |C S|^2 = |C|^2 (1 + x^2)/(...), |P S|^2 =
+K^2 |h|^2/(...), |L|^2 = |G|^2/(1 + x^2).  Each bound M is a quadratic that must not be negative on the interval,
 
     q(x) = qa x^2 + 2 qb x + qc >= 0 ,                                                                             (1)
 
         |S| <= M :    M^2 - 1,      M^2 b,    M^2 (A^2 + b^2) - 1
         |T| <= M :    M^2,          M^2 b,    M^2 (A^2 + b^2) - |G|^2
         |C S| <= M :  M^2 - |C|^2,  M^2 b,    M^2 (A^2 + b^2) - |C|^2
+        |P S| <= M :  M^2,          M^2 b,    M^2 (A^2 + b^2) - K^2
         |L| <= M :    M^2,          0,        M^2 - |G|^2 ,
 
 and all signs change for >=.  Its least value is at x1 or x2, or at the vertex -qb/qa, where it is (qa qc - qb^2)/qa.
@@ -61,7 +62,11 @@ from fopi_tune.proof.claims.lag_response import (
 )
 
 _CUT = BoxVerdict(None, 0)
-_FLAT_AT_LARGE_GAIN = (Response.COMPLEMENTARY_SENSITIVITY, Response.CONTROL_SENSITIVITY)
+_FLAT_AT_LARGE_GAIN = (
+    Response.COMPLEMENTARY_SENSITIVITY,
+    Response.CONTROL_SENSITIVITY,
+    Response.LOAD_SENSITIVITY,
+)
 _LARGE_GAIN = 4.0
 #: rad; where the dead time changes the phase of L by more over a box, |L| alone may prove the claim
 _MUCH_OF_A_TURN = 0.3
@@ -194,6 +199,9 @@ class LagBound(_LagClaim):
             elif response is Response.COMPLEMENTARY_SENSITIVITY:
                 size, slope = scaled.g_squared
                 found = (m2, zero), linear, (distance - size, d_distance - slope)
+            elif response is Response.LOAD_SENSITIVITY:
+                # by (1a) |h| is 1 on samples too
+                found = (m2, zero), linear, (distance - self._plant[0] ** 2, d_distance)
             else:
                 size, slope = at.c_squared
                 constant = distance - square * size, d_distance - d_square * size - square * slope
@@ -203,7 +211,7 @@ class LagBound(_LagClaim):
         return tuple((-value, -slope) for value, slope in found)  # pyright: ignore[reportReturnType]
 
     def _examine(self, u: Interval, over: LagResponse, centre: LagResponse, shift: arb) -> BoxVerdict:
-        # Where |L| is large, |T| and |C S| hardly depend on it, while (1) is a difference of large numbers.
+        # Where |L| is large, |T|, |C S| and |P S| = |T/C| hardly depend on it, while (1) is a difference of large ones.
         large = self.general.response in _FLAT_AT_LARGE_GAIN and over.g.abs_lower() > _LARGE_GAIN
         if large and self._by_the_general_claim(u).leaf is not None:
             return HOLDS
@@ -317,6 +325,8 @@ def closed_form(claim: Claim) -> Claim:
     form = CLOSED_FORMS.get(type(claim))
     loop = getattr(claim, "loop", None)
     if form is None or loop is None or not has_lag_form(loop) or len(claim.domain) != 2:
+        return claim
+    if isinstance(claim, Bound) and claim.line is not None:
         return claim
     low, high = claim.domain[1]
     if not 0.0 < low < high < math.inf:

@@ -153,5 +153,6 @@ _VALUES: dict[ObjectiveKind, Callable[[Objective, SamplePair], Value]] = {
     ObjectiveKind.CROSSOVER_SPREAD: _crossover_spread,
     ObjectiveKind.SENSITIVITY_PEAK: _peak(Response.SENSITIVITY),
     ObjectiveKind.CONTROL_SENSITIVITY_PEAK: _peak(Response.CONTROL_SENSITIVITY),
+    ObjectiveKind.LOAD_SENSITIVITY_PEAK: _peak(Response.LOAD_SENSITIVITY),
     ObjectiveKind.IAE_DISTURBANCE: _discounted_error,
 }

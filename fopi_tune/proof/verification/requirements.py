@@ -72,7 +72,7 @@ def _one_side(requirement: Requirement, samples: SamplePair, largest: bool) -> t
     quantity, sign = QUANTITIES[requirement.quantity], 1.0 if largest else -1.0
 
     def criterion(loops: Loops) -> tuple[Array, Array, Array]:
-        found = quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s)
+        found = quantity.measure(loops, largest, requirement.from_rad_s, requirement.to_rad_s, requirement.tilt)
         return with_work(sign * found.value, found.omega_rad_s, found.work)
 
     # Frequency functions are continuous over the box; values at crossings jump where the number of crossings changes.

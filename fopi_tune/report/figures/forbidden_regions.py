@@ -46,8 +46,24 @@ def forbid_values(axes: Axes, requirements: Sequence[Requirement], quantity: str
             for limit in r.limits:
                 axes.plot([band[0]] if band[0] == band[1] else band, [limit] * (1 if band[0] == band[1] else 2), "kx-")
             continue
+        if r.end_limit is not None:
+            _forbid_beyond_line(axes, r)
+            continue
         forbid(axes, band, (r.upper, math.inf), r.scope)
         forbid(axes, band, (-math.inf, r.lower), r.scope)
+
+
+def _forbid_beyond_line(axes: Axes, r: Requirement) -> None:
+    """Hatch what lies beyond a limit that is straight over log omega."""
+    from matplotlib.patches import Polygon
+
+    (bottom, top), (left, right) = sorted(axes.get_ylim()), sorted(axes.get_xlim())
+    low, high = max(r.from_rad_s, left), min(r.to_rad_s, right)
+    if low >= high:
+        return
+    edge = top if r.relation is Relation.AT_MOST else bottom
+    ends = [(omega, min(max(r.limit_at(omega), bottom), top)) for omega in (low, high)]
+    axes.add_patch(Polygon([*ends, (high, edge), (low, edge)], hatch=_HATCH[r.scope], **_STYLE))
 
 
 def forbid_along(axes: Axes, requirements: Sequence[Requirement], quantity: str, nominal: float) -> None:

@@ -12,6 +12,7 @@ from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.sample import LoopFunction, evaluate
 from fopi_tune.quantities import QUANTITIES
+from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.report.figures.forbidden_regions import (
     critical_phases,
     fit_y_limits,
@@ -132,32 +133,31 @@ def nyquist(members: Members) -> Picture:
 
 
 def sensitivities(members: Members) -> Picture:
-    """|S|, |T| and |C S| with their bounds."""
-    requirements = members.documents.spec.requirements
+    """|S|, |T| and |C S| with their bounds, and |P S| where the spec asks for it."""
+    requirements, words = members.documents.spec.requirements, _panels(members)
     family, named = decibels(members, members.family_log_loop), decibels(members, members.named_log_loop)
 
     def draw(figure: Figure) -> None:
-        every = figure.subplots(3, 1, sharex=True)
-        for axes, word, label in zip(every, _WORDS, ("|S|, dB", "|T|, dB", "|C S|, dB"), strict=True):
+        every = figure.subplots(len(words), 1, sharex=True)
+        for axes, word in zip(every, words, strict=True):
             _plot_family(axes, members, family[word], named[word])
             fit_y_limits(axes, [family[word], named[word]], 90.0)
-            bounds = [limit for r in requirements if r.quantity == word for limit in r.limits]
+            bounds = [limit for r in requirements if r.quantity == word for limit in _ends(r)]
             low, high = axes.get_ylim()
             axes.set_ylim(min([low, *(b - 3.0 for b in bounds)]), max([high, *(b + 3.0 for b in bounds)]))
             forbid_values(axes, requirements, word)
-            label_axes(axes, label)
+            label_axes(axes, f"|{_WORDS[word]}|, dB")
         every[-1].set_xlabel("omega, rad/s")
         legend_below(figure, every[0])
 
-    peaks = ", ".join(
-        f"{letter} {number(float(family[word].max()), 4)} dB" for letter, word in zip("STC", _WORDS, strict=True)
-    ).replace("C ", "C S ")
+    peaks = ", ".join(f"{_WORDS[word]} {number(float(family[word].max()), 4)} dB" for word in words)
     title = f"{members.documents.spec.name}: sensitivities"
+    others = ", control sensitivity C S and load sensitivity P S" if _LOAD in words else " and control sensitivity C S"
     said = (
-        "Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L) and control sensitivity C S over "
+        f"Sensitivity S = 1/(1 + L), complementary sensitivity T = L/(1 + L){others} over "
         f"frequency, {_plants_phrase(members)}. Largest values drawn: {peaks}. {_hatching(members)}"
     )
-    return Picture(title, said, draw, (WIDE, 6.8))
+    return Picture(title, said, draw, (WIDE, 6.8 if len(words) == 3 else 8.6))
 
 
 def margins_along(members: Members) -> Picture | None:
@@ -203,7 +203,22 @@ def margin_curves(members: Members) -> dict[str, Array]:
     return {word: evaluate(loops, _measure_of(word))[0] for word in ("phase_margin_deg", "gain_margin_db")}
 
 
-_WORDS = ("sensitivity_db", "complementary_sensitivity_db", "control_sensitivity_db")
+_LOAD = "load_sensitivity_db"
+#: a panel's quantity -> its letters
+_WORDS = {"sensitivity_db": "S", "complementary_sensitivity_db": "T", "control_sensitivity_db": "C S", _LOAD: "P S"}
+
+
+def _ends(r: Requirement) -> list[float]:
+    """The limits of a requirement, at both ends of a line."""
+    return [*r.limits, *([] if r.end_limit is None else [r.end_limit])]
+
+
+def _panels(members: Members) -> list[str]:
+    """The quantities that are drawn; the load's where a requirement or the objective is about it."""
+    spec = members.documents.spec
+    asked = any(r.quantity == _LOAD for r in spec.requirements)
+    asked = asked or (spec.objective is not None and spec.objective.quantity == ObjectiveKind.LOAD_SENSITIVITY_PEAK)
+    return [word for word in _WORDS if asked or word != _LOAD]
 
 
 def _measure_of(word: str) -> LoopFunction:
@@ -288,13 +303,14 @@ def _plot_family(axes: Axes, members: Members, family: Array, named: Array) -> N
 
 
 def decibels(members: Members, log_loop: Complex) -> dict[str, Array]:
-    """|S|, |T| and |C S| in dB by their quantities' names, shape (m, n) each."""
+    """|S|, |T|, |C S| and |P S| in dB by their quantities' names, shape (m, n) each."""
     with np.errstate(over="ignore", divide="ignore"):
         # 1 + L from ln L: where L overflows, ln|1 + L| is ln|L|
         large = log_loop.real > 300.0
         returned = np.where(large, log_loop.real, np.log(np.abs(1.0 + np.exp(np.where(large, 0.0, log_loop)))))
     s = -_DB * returned
-    return dict(zip(_WORDS, (s, s + _DB * log_loop.real, s + _DB * np.log(np.abs(members.controller))), strict=True))
+    loop, controller = _DB * log_loop.real, _DB * np.log(np.abs(members.controller))
+    return dict(zip(_WORDS, (s, s + loop, s + controller, s + loop - controller), strict=True))
 
 
 def _crossovers(members: Members) -> tuple[float, float] | None:

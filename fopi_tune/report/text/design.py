@@ -195,7 +195,7 @@ def _achieved(requirement: Requirement, result: RequirementResult | None) -> str
     digits = 5
     while not result.is_met and digits < 9 and float(f"{result.achieved:.{digits}g}") in requirement.limits:
         digits += 1
-    return number(result.achieved, digits)
+    return number(requirement.value_at(result.achieved, result.worst.omega_rad_s), digits)
 
 
 def _score(requirement: Requirement, result: RequirementResult | None) -> str:
@@ -222,9 +222,15 @@ def _worst(requirement: Requirement, result: RequirementResult) -> str:
         return "its band lies above Nyquist's frequency: sample faster"
     if result.outcome is Outcome.NO_CROSSOVER:
         return f"|L| never crosses 1{_plant(result.worst)}"
+    omega = result.worst.omega_rad_s
+    limit = (
+        ""
+        if requirement.end_limit is None or omega is None
+        else f"; the limit there is {number(requirement.limit_at(omega))}"
+    )
     if requirement.scope is Scope.NOMINAL:
-        return f"worst {_frequency(result.worst.omega_rad_s)}"
-    return f"worst {_place(result.worst)}"
+        return f"worst {_frequency(result.worst.omega_rad_s)}{limit}"
+    return f"worst {_place(result.worst)}{limit}"
 
 
 def _place(place: Place) -> str:

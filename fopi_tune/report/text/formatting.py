@@ -35,7 +35,8 @@ def requirement_phrase(requirement: Requirement) -> str:
     limits = [f"{limit:.10g}" for limit in requirement.limits]
     if requirement.relation is Relation.BETWEEN:
         return f"{requirement.quantity} in [{', '.join(limits)}]"
-    return f"{requirement.quantity} {_SIGNS[requirement.relation]} {limits[0]}"
+    end = "" if requirement.end_limit is None else f" … {requirement.end_limit:.10g}"
+    return f"{requirement.quantity} {_SIGNS[requirement.relation]} {limits[0]}{end}"
 
 
 def verdict_word(met: bool | None, proof: str | None) -> str:

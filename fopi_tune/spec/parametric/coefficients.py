@@ -13,9 +13,9 @@ from fopi_tune.core.parametric.polynomials import MOST_DEGREE, ParameterPolynomi
 from fopi_tune.core.parametric.ranges import Point, UndecidedError, box_of, zero_inside
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
+from fopi_tune.spec.parametric.descent import ExpressionError
 from fopi_tune.spec.parametric.expressions import (
     Expression,
-    ExpressionError,
     Name,
     Negative,
     Number,

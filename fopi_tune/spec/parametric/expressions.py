@@ -15,10 +15,10 @@ import re
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from fopi_tune.spec.parametric.descent import Descent, ExpressionError, Token, exact_number
 from fopi_tune.spec.yaml.problems import quoted
-from fopi_tune.spec.yaml.scalars import NotANumberError, parse_number
 
-MAX_LENGTH, MAX_DEPTH = 400, 40
+MAX_LENGTH = 400
 NAME_PATTERN = r"[A-Za-z][A-Za-z0-9_]{0,39}"
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
@@ -26,19 +26,6 @@ _TOKEN = re.compile(
 )
 _WRITE_INSTEAD = {"^": "**", "×": "*", "·": "*", "÷": "/", "−": "-", "–": "-", "²": "**2", "³": "**3"}
 _ALLOWED = "an expression has numbers, parameters, + - * / ** and parentheses"
-
-
-class ExpressionError(ValueError):
-    """What is wrong with a text, and where.
-
-    Args:
-        at: offset of the character, from 0.
-        message: what is wrong, and what to write.
-    """
-
-    def __init__(self, at: int, message: str) -> None:
-        super().__init__(message)
-        self.at = at
 
 
 @dataclass(frozen=True)
@@ -88,13 +75,6 @@ class Operation:
 Expression = Number | Name | Negative | Operation
 
 
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    at: int
-
-
 def parse_expression(text: str) -> Expression:
     """The tree of a text.
 
@@ -114,8 +94,8 @@ def names_in(text: str) -> set[str]:
     return set(re.findall(r"[A-Za-z_][A-Za-z0-9_]*", text))
 
 
-def _tokens(text: str) -> list[_Token]:
-    found: list[_Token] = []
+def _tokens(text: str) -> list[Token]:
+    found: list[Token] = []
     at, end = 0, len(text.rstrip())
     while at < end:
         match = _TOKEN.match(text, at)
@@ -123,11 +103,11 @@ def _tokens(text: str) -> list[_Token]:
             at += len(text[at:]) - len(text[at:].lstrip())
             raise ExpressionError(at, _about_character(text[at]))
         kind = str(match.lastgroup)
-        found.append(_Token(kind, match.group(kind), match.start(kind)))
+        found.append(Token(kind, match.group(kind), match.start(kind)))
         at = match.end()
     if not found:
         raise ExpressionError(0, "the expression is empty; write a number or a parameter")
-    return [*found, _Token("end", "", end)]
+    return [*found, Token("end", "", end)]
 
 
 def _about_character(character: str) -> str:
@@ -136,85 +116,30 @@ def _about_character(character: str) -> str:
     return f"{character!r} does not belong here; {_ALLOWED}"
 
 
-class _Parser:
-    """Recursive descent; every level of parentheses and signs counts towards the depth."""
+class _Parser(Descent[Expression]):
+    """Builds the tree."""
 
-    def __init__(self, tokens: list[_Token]) -> None:
-        self.tokens, self.place = tokens, 0
+    def operation(self, sign: Token, left: Expression, right: Expression) -> Expression:
+        return Operation.of(sign.text, left, right, sign.at)
 
-    @property
-    def now(self) -> _Token:
-        return self.tokens[self.place]
+    def negative(self, sign: Token, part: Expression) -> Expression:
+        return Negative(part, sign.at, part.end)
 
-    def _take(self) -> _Token:
-        token = self.now
-        self.place += 1
-        return token
-
-    def _is(self, *signs: str) -> bool:
-        return self.now.kind == "sign" and self.now.text in signs
-
-    def sum(self, depth: int) -> Expression:
-        left = self.product(depth)
-        while self._is("+", "-"):
-            sign = self._take()
-            left = Operation.of(sign.text, left, self.product(depth), sign.at)
-        return left
-
-    def product(self, depth: int) -> Expression:
-        left = self.signed(depth)
-        while self._is("*", "/"):
-            sign = self._take()
-            left = Operation.of(sign.text, left, self.signed(depth), sign.at)
-        return left
-
-    def signed(self, depth: int) -> Expression:
-        if depth > MAX_DEPTH:
-            raise ExpressionError(self.now.at, f"more than {MAX_DEPTH} parentheses or signs lie within each other")
-        if not self._is("+", "-"):
-            return self.power(depth)
-        sign = self._take()
-        part = self.signed(depth + 1)
-        return part if sign.text == "+" else Negative(part, sign.at, part.end)
-
-    def power(self, depth: int) -> Expression:
-        base = self.atom(depth)
-        if not self._is("**"):
-            return base
-        sign = self._take()
-        return Operation.of("**", base, self.signed(depth + 1), sign.at)
+    def parenthesis(self, opened: Token, depth: int, closed: str = ")") -> Expression:
+        """A part's place is with its parentheses."""
+        inner = super().parenthesis(opened, depth, closed)
+        end = self.tokens[self.place - 1].end
+        return replace(inner, at=opened.at, end=end) if isinstance(inner, Operation | Negative) else inner
 
     def atom(self, depth: int) -> Expression:
-        token = self._take()
+        token = self.take()
         if token.kind == "number":
-            try:
-                parse_number(token.text)
-            except NotANumberError as reason:
-                raise ExpressionError(token.at, str(reason)) from None
-            # rounded here, 0.1 + 0.2 - 0.3 would not be 0
-            return Number(Fraction(token.text), token.at, token.at + len(token.text))
+            return Number(exact_number(token), token.at, token.end)
         if token.kind == "name":
-            if self._is("("):
+            if self.has("("):
                 raise ExpressionError(token.at, f"{quoted(token.text)} is no function; {_ALLOWED}")
-            return Name(token.text, token.at, token.at + len(token.text))
+            return Name(token.text, token.at, token.end)
         if token.text == "(":
-            inner = self.sum(depth + 1)
-            if not self._is(")"):
-                self._refuse(f"the parenthesis of column {token.at + 1} of the expression is not closed")
-            end = self._take().at + 1
-            return replace(inner, at=token.at, end=end) if isinstance(inner, Operation | Negative) else inner
+            return self.parenthesis(token, depth)
         self.place -= 1
-        return self._refuse("a number or a parameter is missing")
-
-    def expect_end(self) -> None:
-        if self.now.kind != "end":
-            self._refuse("a sign is missing")
-
-    def _refuse(self, otherwise: str) -> Expression:
-        token = self.now
-        if token.kind == "end":
-            raise ExpressionError(token.at, f"{otherwise} at the end")
-        if token.text == ")":
-            raise ExpressionError(token.at, f"{otherwise} before ')'" if "closed" not in otherwise else otherwise)
-        advice = "; write * between factors" if token.kind != "sign" and "sign" in otherwise else ""
-        raise ExpressionError(token.at, f"{otherwise} before {quoted(token.text)}{advice}")
+        return self.refuse("a number or a parameter is missing")

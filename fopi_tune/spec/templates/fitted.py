@@ -43,16 +43,16 @@ def sections_for_fitted(plant: PlantFamily, about: Sequence[str]) -> TemplateSec
     numbers = plant.parameters
     gain, dead = next(iter(numbers.values())), numbers["dead_time_s"]
     slowest, fastest, scale = _speeds(plant.model, numbers)
-    middle, low = _rounded(slowest / 12, 2, ROUND_FLOOR), _rounded(slowest / 100, 2, ROUND_FLOOR)
+    middle, low = rounded(slowest / 12, 2, ROUND_FLOOR), rounded(slowest / 100, 2, ROUND_FLOOR)
     band = [10.0 ** math.floor(math.log10(1e-3 / scale)), 10.0 ** math.ceil(math.log10(1e3 / scale))]
-    sample_time_s = _sample_time(max(scale / 50, 0.08 / math.sqrt(slowest * fastest)))
+    sample_time_s = one_two_five(max(scale / 50, 0.08 / math.sqrt(slowest * fastest)))
     side = "min: 0.0" if gain.nominal > 0 else "max: 0.0"
     slow_db, slow_why = _SLOW.get(plant.model, _SLOW["lag"])
     wide = [name for name, number in numbers.items() if "{" in _yaml_number(number)]
     return TemplateSections(
         model=plant.model,
         description=_DESCRIPTIONS[plant.model],
-        plant=_comment(about) + _plant_text(plant.model, numbers, dead),
+        plant=comment(about) + _plant_text(plant.model, numbers, dead),
         controller=f"""\
 controller:
   {f"kp: {{{side}}}":<27} # of the plant's sign
@@ -86,7 +86,8 @@ _SLOW = {
 _PHASE_MARGIN_DEG = {"lag": 60, "pole": 50, "transfer_function": 60}
 
 
-def _comment(about: Sequence[str]) -> str:
+def comment(about: Sequence[str]) -> str:
+    """Lines of a comment, broken where they are long."""
     # control characters, as in a file's name, are escaped: nothing leaves the comment
     lines = ("".join(c if c.isprintable() else repr(c)[1:-1] for c in line) for line in about)
     wrapped = (part for line in lines for part in textwrap.wrap(line, _WIDTH, subsequent_indent="  "))
@@ -141,24 +142,25 @@ def _speeds(model: str, numbers: Mapping[str, Uncertain]) -> tuple[float, float,
             square = numbers["denominator[0]"]
             crossover = min(crossover, 0.25 * time.min / (square.max * spread))
             scale = max(scale, math.sqrt(square.nominal) + dead.nominal)
-    return _rounded(crossover, 2, ROUND_FLOOR), _rounded(3 * spread * crossover, 2, ROUND_CEILING), scale
+    return rounded(crossover, 2, ROUND_FLOOR), rounded(3 * spread * crossover, 2, ROUND_CEILING), scale
 
 
 def _yaml_number(number: Uncertain) -> str:
     """Six significant digits, the ends rounded outwards; one number where that leaves no range."""
-    nominal = _rounded(number.nominal, 6, ROUND_HALF_EVEN)
-    low, high = _rounded(number.min, 6, ROUND_HALF_EVEN), _rounded(number.max, 6, ROUND_HALF_EVEN)
+    nominal = rounded(number.nominal, 6, ROUND_HALF_EVEN)
+    low, high = rounded(number.min, 6, ROUND_HALF_EVEN), rounded(number.max, 6, ROUND_HALF_EVEN)
     if low == nominal == high:
         return repr(nominal)
-    low, high = _rounded(number.min, 6, ROUND_FLOOR), _rounded(number.max, 6, ROUND_CEILING)
+    low, high = rounded(number.min, 6, ROUND_FLOOR), rounded(number.max, 6, ROUND_CEILING)
     return f"{{nominal: {nominal!r}, min: {low!r}, max: {high!r}}}"
 
 
-def _rounded(value: float, digits: int, how: str) -> float:
+def rounded(value: float, digits: int, how: str) -> float:
+    """A number to so many significant digits; `how` is a rounding of `decimal`."""
     return float(Context(prec=digits, rounding=how).create_decimal(repr(value)))
 
 
-def _sample_time(longest: float) -> float:
+def one_two_five(longest: float) -> float:
     """The largest of 1, 2 and 5 times a power of ten that is at most this."""
     power = math.floor(math.log10(longest))
     steps = [float(f"{digit}e{power}") for digit in (1, 2, 5)]

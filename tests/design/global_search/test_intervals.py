@@ -51,6 +51,12 @@ REQUIREMENTS = [
     "crossover_rad_s: {at_most: 1.2}",
     "phase_slope_deg_per_decade: {at_least: -60}",
     "phase_slope_deg_per_decade: {at_most: -10}",
+    "load_sensitivity_db: {at_most: -2}",
+    "load_sensitivity_db: {at_most: -20}, to_rad_s: 0.1",
+    "load_sensitivity_db: {at_least: -30}, at_rad_s: 0.1",
+    "sensitivity_db: {at_most: {by_frequency: [[0.03, -25], [0.7, 3], [20, 4]]}}",
+    "complementary_sensitivity_db: {at_most: {by_frequency: [[1, 4], [10, -12]]}}",
+    "loop_gain_db: {at_least: {by_frequency: [[0.05, 15], [0.5, -5]]}}",
 ]
 RAYS = [
     (0.5, 1.0, 0.3),
@@ -102,7 +108,7 @@ def meets_limits(spec: DesignSpec, loops: Loops) -> np.ndarray:
     for r in spec.requirements:
         for largest, limit in ((False, r.lower), (True, r.upper)):
             if math.isfinite(limit):
-                value = QUANTITIES[r.quantity].measure(loops, largest, r.from_rad_s, r.to_rad_s).value
+                value = QUANTITIES[r.quantity].measure(loops, largest, r.from_rad_s, r.to_rad_s, r.tilt).value
                 with np.errstate(invalid="ignore"):
                     good = good & ((value <= limit) if largest else (value >= limit))
     return good

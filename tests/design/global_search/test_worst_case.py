@@ -46,6 +46,10 @@ QUANTITIES = [
     "delay_margin_s: {at_least: 0.3}",
     "crossover_rad_s: {at_least: 0.5}",
     "phase_slope_deg_per_decade: {at_least: -30}",
+    "load_sensitivity_db: {at_most: 3}",
+    "sensitivity_db: {at_most: {by_frequency: [[0.01, -30], [0.3, 0], [30, 6]]}}",
+    "load_sensitivity_db: {at_least: {by_frequency: [[0.1, -60], [1, -30]]}}",
+    "load_sensitivity_db: {at_least: -60}, from_rad_s: 0.1, to_rad_s: 1",
 ]
 
 

@@ -82,7 +82,11 @@ class Design:
         c, d, gain, turn = self.parts(u, theta)
         loop = c * gain * np.exp(-1j * turn) / d
         top = {Response.LOOP_GAIN: loop * (1.0 + loop), Response.SENSITIVITY: np.ones_like(loop)}
-        top |= {Response.COMPLEMENTARY_SENSITIVITY: loop, Response.CONTROL_SENSITIVITY: c}
+        top |= {
+            Response.COMPLEMENTARY_SENSITIVITY: loop,
+            Response.CONTROL_SENSITIVITY: c,
+            Response.LOAD_SENSITIVITY: loop / c,
+        }
         return np.log(np.abs(top[response] / (1.0 + loop)))
 
     def phase(self, u: Array, theta: Array) -> Array:
@@ -240,6 +244,8 @@ BOUNDS = [
     (Response.COMPLEMENTARY_SENSITIVITY, False, MIDDLE),
     (Response.CONTROL_SENSITIVITY, False, MIDDLE),
     (Response.LOOP_GAIN, True, (0.3, 0.3)),
+    (Response.LOAD_SENSITIVITY, True, EVERYWHERE),
+    (Response.LOAD_SENSITIVITY, False, MIDDLE),
 ]
 
 

@@ -42,6 +42,7 @@ def dense(loop: BallLoop, response: Response, largest: bool) -> float:
         Response.COMPLEMENTARY_SENSITIVITY: gain / (1.0 + gain),
         Response.CONTROL_SENSITIVITY: c / (1.0 + gain),
         Response.LOOP_GAIN: gain,
+        Response.LOAD_SENSITIVITY: gain / c / (1.0 + gain),
     }[response]
     sizes = np.log(np.abs(values))
     return float(sizes.max() if largest else sizes.min())

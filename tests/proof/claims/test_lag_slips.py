@@ -42,7 +42,7 @@ WIDE = BallLoop(FoPi(0.45, 0.6, 1.1), lag(1.3, (0.2, 6.0), 0.35))
 NEGATIVE = BallLoop(FoPi(0.3, 0.5, 1.3), lag(-1.3, (0.2, 6.0), 0.2))
 #: crosses |L| = 1 beyond -180 deg, so that a lead is the shortest way to -1
 LATE = BallLoop(FoPi(0.45, 0.6, 1.1), lag(1.3, (1.0, 2.2), 3.0))
-S, T, CS, _ = Response
+S, T, CS, _, PS = Response
 MIDDLE, LOW, HIGH = (-1.5, 0.7), (-0.6, -0.2), (0.2, 0.6)
 BOUNDS = [
     *((PLAIN, response, upper, MIDDLE) for response in Response for upper in (True, False)),
@@ -86,8 +86,13 @@ def log_response(loop: BallLoop, response: Response, u: Array, tau: Array) -> Ar
     c, value = controller(loop, u), loop_response(loop, u, tau)
     if response is Response.LOOP_GAIN:
         return np.log(np.abs(value))
-    top = {Response.SENSITIVITY: np.ones_like(value), Response.COMPLEMENTARY_SENSITIVITY: value}
-    return np.log(np.abs(top.get(response, c) / (1.0 + value)))
+    top = {
+        Response.SENSITIVITY: np.ones_like(value),
+        Response.COMPLEMENTARY_SENSITIVITY: value,
+        Response.CONTROL_SENSITIVITY: c,
+        Response.LOAD_SENSITIVITY: value / c,
+    }
+    return np.log(np.abs(top[response] / (1.0 + value)))
 
 
 def bound(loop: BallLoop, response: Response, level: float, upper: bool, band: Interval = EVERYWHERE) -> Bound:

@@ -58,6 +58,7 @@ def brute(name: str, gains: FoPi, plant: Plant, omega: np.ndarray = OMEGA) -> tu
         "sensitivity_db": 1 / (1 + loop),
         "complementary_sensitivity_db": loop / (1 + loop),
         "control_sensitivity_db": c / (1 + loop),
+        "load_sensitivity_db": p / (1 + loop),
         "loop_gain_db": loop,
     }
     if name in functions:
@@ -245,6 +246,7 @@ def test_stability_agrees_with_the_roots_of_the_polynomial_for_alpha_one(
         ("sensitivity_db", (0.01, 0.2)),
         ("complementary_sensitivity_db", (0.2, 3.0)),
         ("control_sensitivity_db", (0.05, 5.0)),
+        ("load_sensitivity_db", (0.05, 5.0)),
         ("loop_gain_db", (0.1, 0.5)),
         ("sensitivity_db", (0.7, 0.7)),
     ],

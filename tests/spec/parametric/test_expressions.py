@@ -8,11 +8,10 @@ from fractions import Fraction
 import pytest
 from cases.parametric_plants import expression, scraps
 
+from fopi_tune.spec.parametric.descent import MAX_DEPTH, ExpressionError
 from fopi_tune.spec.parametric.expressions import (
-    MAX_DEPTH,
     MAX_LENGTH,
     Expression,
-    ExpressionError,
     Name,
     Negative,
     Number,

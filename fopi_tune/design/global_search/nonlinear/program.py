@@ -122,11 +122,10 @@ def _slot(
     gain = ca.exp(log_l)
     log_s = -_log_size((1.0 + gain * ca.cos(phase), gain * ca.sin(phase)))
     angle = phase + of("offset")
-    band = of("log_c") * log_noise + of("log_l") * log_l + of("log_s") * log_s
+    band = of("log_c") * log_noise + of("log_l") * log_l + of("log_s") * log_s + of("log_omega") * log_omega
     log_end = 0.5 * ca.log(controller_at_infinity(kp, third, made, of("is_first")) ** 2 + _TINY)
     value = (
-        band + of("angle") * angle + of("lag") * angle / omega
-        + of("log_omega") * log_omega + of("log_end") * log_end
+        band + of("angle") * angle + of("lag") * angle / omega + of("log_end") * log_end
     )  # fmt: skip
     equation = (
         of("gain") * (log_l + of("level") + of("level_t") * t)

@@ -1,0 +1,180 @@
+"""Sections of the commented spec of a plant that was given as a transfer function; the requirements suit its phase.
+
+The controller's sign is that with which  s D(s) + (kp s + ki) N(s)  has a last coefficient of the first one's sign.
+Upper limit of the crossover: the highest frequency at which the plant leaves a PI, or if there is none a PID, enough
+phase; at most a few times the fastest of its zeros, poles and 1/dead time.  With |S| limited to 6 dB a stable plant
+always has gains: small ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import ROUND_CEILING
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fopi_tune.core.bode_form import Array
+from fopi_tune.spec.templates.fitted import comment, one_two_five, rounded
+from fopi_tune.spec.templates.sections import TemplateSections, digital_section
+from fopi_tune.spec.transfer_functions import WrittenPlant
+
+#: the plant's phase, in degrees, at the highest crossover of a PI (65 are left for margin and integral) and of a PID
+_PHASE_PI, _PHASE_PID = -115.0, -170.0
+#: degrees of its phase that a plant which leaves even a PID little may lose at the highest crossover
+_LESS = 15.0
+#: the highest crossover over the fastest rate of the plant
+_FASTER = 3.0
+#: rad of phase that a sample may cost at the highest crossover, twice
+_PHASE_OF_A_SAMPLE = 0.08
+
+
+def sections_for_written(plant: WrittenPlant, about: Sequence[str]) -> TemplateSections:
+    """Sections for a plant whose numbers are known.
+
+    Args:
+        plant: proper, its common factors left out.
+        about: the origin of the numbers, lines of text.
+    """
+    facts = _facts(plant)
+    crossover, derivative = _crossover(facts)
+    step = one_two_five(_PHASE_OF_A_SAMPLE / crossover)
+    power = math.floor(math.log10(crossover))
+    side = "min: 0.0" if facts.sign > 0 else "max: 0.0"
+    model, text, last_name = _plant_text(plant)
+    # a zero at 0 takes the integral away: no gain crossover is certain
+    limit = f"{{at_most: {crossover!r}}}"
+    speed = "" if facts.zeros_at_0 else f"  {f'- crossover_rad_s: {limit}':<41} # no faster than the plant allows\n"
+    return TemplateSections(
+        model=model,
+        description="Robust control of a plant given by its transfer function.",
+        plant=comment(about) + text,
+        controller=_controller(side, derivative, (0.1 if facts.unstable else 0.2) / crossover, step),
+        requirements=f"""\
+requirements:
+{speed}  - phase_margin_deg: {{at_least: {40 if facts.is_hard else 50}}}        # damping of the loop
+  - gain_margin_db: {{at_least: {5 if facts.is_hard else 6}}}           # the gain may be so much larger
+  - sensitivity_db: {{at_most: {8 if facts.is_hard else 6}}}            # distance from -1
+""",
+        objective="objective: {minimize: iae_disturbance}   # a load on the plant is taken away as well as possible",
+        digital=digital_section(repr(step), f"[{10.0 ** (power - 3):.1e}, {10.0 ** (power + 4):.1e}]"),
+        uncertain_name=last_name,
+    )
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What the requirements are chosen by.
+
+    Args:
+        sign: of the controller's gains.
+        poles_at_0: integrators.
+        zeros_at_0: zeros of the numerator there.
+        unstable: poles with a real part above 0.
+        omega: frequencies, rad/s, shape (n,).
+        phase: of `sign` times the plant, degrees, continuous from that of a PI's plant on, shape (n,).
+        fastest: the largest rate, rad/s; 1 of a plant without any.
+    """
+
+    sign: int
+    poles_at_0: int
+    zeros_at_0: int
+    unstable: int
+    omega: Array
+    phase: Array
+    fastest: float
+
+    @property
+    def is_hard(self) -> bool:
+        """Whether small gains do not do."""
+        return self.unstable > 0 or self.poles_at_0 > 1
+
+
+def _facts(plant: WrittenPlant) -> _Facts:
+    top, bottom, delay = plant.numerator, plant.denominator, float(plant.dead_time_s)
+    zeros, poles = (_roots_off_0(each) for each in (top, bottom))
+    ends = [len(each) - len(_without_last_zeros(each)) for each in (top, bottom)]
+    sign = 1 if _without_last_zeros(top)[-1] * bottom[0] > 0 else -1
+    rates = [*np.abs(zeros).tolist(), *np.abs(poles).tolist(), *([1.0 / delay] if delay > 0.0 else [])]
+    middle = rates or [_unit_gain(plant, ends[1])]
+    omega = np.geomspace(1e-3 * min(middle), 1e3 * max(middle), 2000)
+    # (1 - j omega/z) for zeros, (j omega - p) for poles: N's last coefficient and D's first one are > 0 then
+    angle = np.zeros_like(omega)
+    for zero in zeros:
+        angle = angle + np.angle(1.0 - 1j * omega / zero)
+    for pole in poles:
+        angle = angle - np.angle(1j * omega - pole)
+    angle = np.unwrap(angle) + 0.5 * math.pi * (ends[0] - ends[1]) - omega * delay
+    unstable = int(np.count_nonzero(poles.real > 0.0))
+    return _Facts(sign, ends[1], ends[0], unstable, omega, np.degrees(angle), max(middle))
+
+
+def _roots_off_0(coefficients: tuple[Fraction, ...]) -> NDArray[np.complex128]:
+    return np.roots([float(value) for value in _without_last_zeros(coefficients)]).astype(complex)
+
+
+def _without_last_zeros(coefficients: tuple[Fraction, ...]) -> tuple[Fraction, ...]:
+    last = max(k for k, value in enumerate(coefficients) if value)
+    return coefficients[: last + 1]
+
+
+def _unit_gain(plant: WrittenPlant, integrators: int) -> float:
+    """Where k/s^n has the gain 1, rad/s."""
+    size = abs(float(plant.numerator[0] / plant.denominator[0]))
+    return size ** (1.0 / integrators) if integrators else 1.0
+
+
+def _crossover(facts: _Facts) -> tuple[float, bool]:
+    """The upper limit of the crossover, rad/s, and whether it takes a derivative."""
+    reached = facts.omega <= _FASTER * facts.fastest
+    best = float(facts.phase[reached].max())
+    least, derivative = (_PHASE_PI, False) if best >= _PHASE_PI else (min(_PHASE_PID, best - _LESS), True)
+    enough = np.flatnonzero((facts.phase >= least) & reached)
+    return rounded(float(facts.omega[enough[-1]]), 2, ROUND_CEILING), derivative
+
+
+def _controller(side: str, derivative: bool, filter_time: float, step: float) -> str:
+    gains = f"controller:\n  {f'kp: {{{side}}}':<27} # of the plant's sign\n  ki: {{{side}}}\n"
+    if not derivative:
+        return gains + "  alpha: {min: 0.7, max: 1.3}\n"
+    # a derivative on samples takes a filter of half a sample at least
+    filtered = one_two_five(max(filter_time, step))
+    return (
+        gains.replace(
+            "controller:\n", "controller:\n  structure: pid              # integral alone leaves too little phase\n"
+        )
+        + f"  kd: {{{side}}}\n  derivative_filter_time_constant_s: {filtered!r}\n"
+    )
+
+
+def _plant_text(plant: WrittenPlant) -> tuple[str, str, str]:
+    """The model, its section, and the name of one of its numbers."""
+    top, bottom, last = plant.numerator, plant.denominator, f"  dead_time_s: {_number(plant.dead_time_s)}\n"
+    known = "  # {min: ..., max: ...} where it is not exactly known\n"
+    if len(top) == 1 and len(bottom) == 2 and bottom[0] == 1:
+        numbers = f"  gain: {_number(top[0])}{known}  pole_rad_s: {_number(bottom[1])}\n"
+        return (
+            "pole",
+            f"plant:\n  model: pole                 # gain e^(-dead_time_s s) / (s + pole_rad_s)\n{numbers}{last}",
+            "gain",
+        )
+    if len(top) == 1 and len(bottom) == 2 and bottom[0] > 0 and bottom[1] == 1:
+        numbers = f"  static_gain: {_number(top[0])}{known}  time_constant_s: {_number(bottom[0])}\n"
+        about = "# static_gain e^(-dead_time_s s) / (time_constant_s s + 1)"
+        return "lag", f"plant:\n  model: lag                  {about}\n{numbers}{last}", "static_gain"
+    lists = "".join(
+        f"  {name}: [{', '.join(_number(value) for value in side)}]\n"
+        for name, side in (("numerator", top), ("denominator", bottom))
+    )
+    about = "# numerator(s) / denominator(s) e^(-dead_time_s s), in descending powers of s;\n"
+    more = "                              # {min: ..., max: ...} stands for a coefficient that is not exactly known\n"
+    return "transfer_function", f"plant:\n  model: transfer_function    {about}{more}{lists}{last}", '"numerator[0]"'
+
+
+def _number(value: Fraction) -> str:
+    """The nearest floating-point number, which is the decimal that was written where it was one."""
+    found = float(value)
+    return repr(int(found)) if found.is_integer() and abs(found) < 1e6 else repr(found)
