@@ -251,9 +251,13 @@ def _named_frequencies(spec: DesignSpec) -> Array:
 
 
 def _characteristic(spec: DesignSpec, own: Array, named: Array) -> float:
-    """omega_s: the crossover if the spec names one, else the geometric mean of the plants' corner frequencies."""
+    """omega_s: the geometric mean of the plants' corner frequencies, or the next crossover that the spec allows.
+
+    A lower limit far below what the plants can do says nothing of where the crossover will be.
+    """
+    values = own if len(own) else named
+    found = float(np.exp(np.mean(np.log(values)))) if len(values) else 1.0
     for requirement in spec.requirements:
         if requirement.quantity == "crossover_rad_s":
-            return requirement.limits[0]
-    values = own if len(own) else named
-    return float(np.exp(np.mean(np.log(values)))) if len(values) else 1.0
+            return min(max(found, requirement.lower), requirement.upper)
+    return found

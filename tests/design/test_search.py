@@ -309,3 +309,30 @@ def test_every_limit_that_is_advised_alone_makes_the_spec_solvable(text: str) ->
         requirements[give.requirement] = replace(asked, limits=limits)
         assert ft.tune(replace(spec, requirements=tuple(requirements)), proof=False).status is Status.SOLVED
         assert give.amount == pytest.approx(abs(give.new_limit - asked.limits[k]))
+
+
+NEAR_NOTHING = """schema: 1
+name: near_nothing
+plant:
+  {model: transfer_function, numerator: [{min: 0.6881, max: 0.8792}],
+  denominator: [0.3001, {min: 0.9002, max: 1.15}, 1], dead_time_s: 0.415}
+controller: {structure: pi}
+requirements:
+  - sensitivity_db: {at_most: 4.05}
+  - complementary_sensitivity_db: {at_most: 1.318}
+  - phase_margin_deg: {at_least: 42.636}
+  - {crossover_rad_s: {at_least: LIMIT}, on: nominal}
+objective: {minimize: iae_disturbance}
+"""
+
+
+@pytest.mark.parametrize("limit", [0.01, 0.15, 0.5])
+def test_a_lower_limit_of_the_crossover_that_holds_nothing_back_costs_nothing(limit: float) -> None:
+    without = NEAR_NOTHING.replace("  - {crossover_rad_s: {at_least: LIMIT}, on: nominal}\n", "")
+    free, found = (design(parse_spec(text)) for text in (without, NEAR_NOTHING.replace("LIMIT", str(limit))))
+    assert (free.status, found.status) == (Status.SOLVED, Status.SOLVED)
+    assert free.gains is not None
+    assert found.gains is not None
+    values = [verify(parse_spec(without), gains).objective for gains in (free.gains, found.gains)]
+    # it had lost a half with 0.15 rad/s
+    assert values[1] == pytest.approx(values[0], rel=3e-3)
