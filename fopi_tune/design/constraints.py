@@ -251,13 +251,14 @@ def _named_frequencies(spec: DesignSpec) -> Array:
 
 
 def _characteristic(spec: DesignSpec, own: Array, named: Array) -> float:
-    """omega_s: the geometric mean of the plants' corner frequencies, or the next crossover that the spec allows.
+    """omega_s: the geometric mean of the plants' corner frequencies, or the crossover that the spec fixes.
 
-    A lower limit far below what the plants can do says nothing of where the crossover will be.
+    Of a limit the crossover is somewhere between it and where the plants can have it: at the limit where the objective
+    is a peak, far from it where it is speed and the limit holds nothing back.
     """
     values = own if len(own) else named
     found = float(np.exp(np.mean(np.log(values)))) if len(values) else 1.0
     for requirement in spec.requirements:
         if requirement.quantity == "crossover_rad_s":
-            return min(max(found, requirement.lower), requirement.upper)
+            return math.sqrt(requirement.limits[0] * min(max(found, requirement.lower), requirement.upper))
     return found
