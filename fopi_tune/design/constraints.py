@@ -34,6 +34,8 @@ STABILITY_GUARD_DB = 40.0
 STABILITY_GUARD_DEG = 0.573
 #: `Constraint.requirement` of the stability guards, which belong to no requirement
 STABILITY_GUARD = -1
+#: objectives that are better the slower the loop is
+_SLOW = ("sensitivity_peak_db", "control_sensitivity_peak_db")
 
 
 class Bound(Enum):
@@ -253,12 +255,14 @@ def _named_frequencies(spec: DesignSpec) -> Array:
 def _characteristic(spec: DesignSpec, own: Array, named: Array) -> float:
     """omega_s: the geometric mean of the plants' corner frequencies, or the crossover that the spec fixes.
 
-    Of a limit the crossover is somewhere between it and where the plants can have it: at the limit where the objective
-    is a peak, far from it where it is speed and the limit holds nothing back.
+    Of a lower limit the crossover is far from it, as the plants can have it, unless the objective is a peak that grows
+    with the crossover.
     """
     values = own if len(own) else named
     found = float(np.exp(np.mean(np.log(values)))) if len(values) else 1.0
     for requirement in spec.requirements:
         if requirement.quantity == "crossover_rad_s":
-            return math.sqrt(requirement.limits[0] * min(max(found, requirement.lower), requirement.upper))
+            nearest = min(max(found, requirement.lower), requirement.upper)
+            is_slow = spec.objective is not None and spec.objective.quantity in _SLOW
+            return math.sqrt(requirement.limits[0] * nearest) if is_slow else nearest
     return found
