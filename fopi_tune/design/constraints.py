@@ -214,8 +214,13 @@ class Scale:
         return FoPi(kp / self.gain, ki / self.gain * self.omega_rad_s**third, third)
 
 
-def scale_of(spec: DesignSpec) -> Scale:
-    """Scaling and frequency grid, from the plants' corner frequencies and dead times and the spec's own frequencies."""
+def scale_of(spec: DesignSpec, crossover_rad_s: float | None = None) -> Scale:
+    """Scaling and frequency grid, from the plants' corner frequencies and dead times and the spec's own frequencies.
+
+    Args:
+        spec: the spec.
+        crossover_rad_s: of gains that are known to meet it, omega_s then; None for a guess.
+    """
     family = spec.plant
     plants = Plants.members(family, family.corners())
     roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
@@ -228,7 +233,7 @@ def scale_of(spec: DesignSpec) -> Scale:
     filters += [1.0 / filtered.time_constant_s] if filtered else []
     everything = np.concatenate([own, named, filters])
     everything = everything if len(everything) else np.array([1.0])
-    omega_s = _characteristic(spec, own, named)
+    omega_s = _characteristic(spec, own, named) if crossover_rad_s is None else crossover_rad_s
     is_open = any(math.isinf(v) for gain in (box.kp, box.ki, box.kd) for v in (gain.min, gain.max))
     span = 10.0 ** (_DECADES_BEYOND_OPEN if is_open else _DECADES_BEYOND)
     low, high = everything.min() / span, everything.max() * span
@@ -253,16 +258,14 @@ def _named_frequencies(spec: DesignSpec) -> Array:
 
 
 def _characteristic(spec: DesignSpec, own: Array, named: Array) -> float:
-    """omega_s: the geometric mean of the plants' corner frequencies, or the crossover that the spec fixes.
+    """omega_s: the geometric mean of the plants' corner frequencies, or the next crossover that the spec allows.
 
-    Of a lower limit the crossover is far from it, as the plants can have it, unless the objective is a peak that grows
-    with the crossover.
+    A loop whose objective grows with the crossover comes close to a lower limit: omega_s is between that and the mean.
     """
     values = own if len(own) else named
     found = float(np.exp(np.mean(np.log(values)))) if len(values) else 1.0
-    for requirement in spec.requirements:
-        if requirement.quantity == "crossover_rad_s":
-            nearest = min(max(found, requirement.lower), requirement.upper)
-            is_slow = spec.objective is not None and spec.objective.quantity in _SLOW
-            return math.sqrt(requirement.limits[0] * nearest) if is_slow else nearest
-    return found
+    limits = [requirement for requirement in spec.requirements if requirement.quantity == "crossover_rad_s"]
+    lowest = max((requirement.lower for requirement in limits), default=0.0)
+    nearest = max(min([found, *(requirement.upper for requirement in limits)]), lowest)
+    is_slow = spec.objective is not None and spec.objective.quantity in _SLOW
+    return math.sqrt(lowest * nearest) if is_slow and lowest > 0.0 else nearest

@@ -271,8 +271,7 @@ def has_negative_gain(plants: Plants) -> bool:
 
 def describe(requirement: Requirement) -> str:
     """A requirement as a short phrase: "phase_margin_deg at_least 80 (family)"."""
-    ends = (*requirement.limits, *([] if requirement.end_limit is None else [requirement.end_limit]))
-    limits = " .. ".join(f"{limit:g}" for limit in ends)
+    limits = " .. ".join(f"{limit:g}" for limit in requirement.every_limit)
     low, high = requirement.from_rad_s, requirement.to_rad_s
     band = ""
     if low == high:

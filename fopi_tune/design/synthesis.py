@@ -9,6 +9,7 @@ from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.infeasible import explain_reason
 from fopi_tune.design.reasons import reason_without_solving
 from fopi_tune.design.search import Neighbour, search
+from fopi_tune.digital.implementation import nominal_crossover
 from fopi_tune.results.candidate import Candidate, Violation
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
@@ -45,7 +46,15 @@ def design(
     reason = reason_without_solving(spec)
     if reason is not None:
         return explain_reason(problem, reason)
-    return search(problem, start.gains if isinstance(start, Neighbour) else start, bracket)
+    known = start.gains if isinstance(start, Neighbour) else start
+    found = search(problem, known, bracket)
+    if found.status is Status.FAILED and found.gains is not None and not found.gains.is_zero:
+        # gains that meet everything say where the rays have to be close to each other
+        crossover = nominal_crossover(spec, found.gains)
+        again = None if crossover is None else search(Problem.of(spec, violations, crossover), found.gains, bracket)
+        if again is not None and again.status is Status.SOLVED:
+            return again
+    return found
 
 
 def neighbour(spec: DesignSpec, gains: FoPi) -> Neighbour:

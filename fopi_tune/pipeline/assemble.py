@@ -202,8 +202,7 @@ def _unproved_message(spec: DesignSpec, certificate: Certificate) -> str:
 
 def _missed_in_words(requirement: Requirement, value: float | None, place: Place) -> str:
     """A counterexample: what is reached, what was asked, the frequency and the plant."""
-    ends = (*requirement.limits, *([] if requirement.end_limit is None else [requirement.end_limit]))
-    limits = " .. ".join(f"{limit:g}" for limit in ends)
+    limits = " .. ".join(f"{limit:g}" for limit in requirement.every_limit)
     reached = "has no value" if value is None else f"is {value:.9g}"
     where = _place_in_words(place)
     return f"{requirement.quantity} {reached} ({requirement.relation.value} {limits}){where}"

@@ -51,10 +51,6 @@ _MOST_SECTIONS = 200
 
 def to_document(certificate: Certificate) -> dict[str, Any]:
     """The certificate's JSON; of a list of plants those of its members, and in short what they say together."""
-    if certificate.members:
-        document = _list_document(certificate)
-        return {**document, "digest": digest(document)}
-    case = certificate.case
     document: dict[str, Any] = {
         "schema": CERTIFICATE_SCHEMA,
         "kind": KIND,
@@ -62,20 +58,27 @@ def to_document(certificate: Certificate) -> dict[str, Any]:
         "verdict": certificate.verdict.value,
         "spec_sha256": certificate.spec_sha256,
         "tolerance": certificate.tolerance,
-        "gains": numbers_of(case.gains),
-        "plant": plant_entry(case.family),
-        "origin_log_rad_s": case.origin,
-        **({"implementation": _implementation(case.implementation)} if case.implementation else {}),
-        "stability": _stability(certificate.stability, case),
-        "requirements": [_requirement(proof, case) for proof in certificate.requirements],
-        **({"scenarios": scenario_entries(certificate.scenarios)} if certificate.scenarios else {}),
-        **({"with_limits": limits_entry(certificate.limited)} if certificate.limited else {}),
+        "gains": numbers_of(certificate.case.gains),
+        **(_said_of_list(certificate) if certificate.members else _said_of_family(certificate)),
         "versions": dict(certificate.versions),
     }
     return {**document, "digest": digest(document)}
 
 
-def _list_document(certificate: Certificate) -> dict[str, Any]:
+def _said_of_family(certificate: Certificate) -> dict[str, Any]:
+    case = certificate.case
+    return {
+        "plant": plant_entry(case.family),
+        "origin_log_rad_s": case.origin,
+        **_implementation_entry(case),
+        "stability": _stability(certificate.stability, case),
+        "requirements": [_requirement(proof, case) for proof in certificate.requirements],
+        **({"scenarios": scenario_entries(certificate.scenarios)} if certificate.scenarios else {}),
+        **({"with_limits": limits_entry(certificate.limited)} if certificate.limited else {}),
+    }
+
+
+def _said_of_list(certificate: Certificate) -> dict[str, Any]:
     first, decides = certificate.case, int(certificate.stability.point[0])
     own = replace(certificate.stability, point=certificate.stability.point[1:])
     stability = _stability(own, certificate.members[decides].certificate.case)
@@ -84,21 +87,17 @@ def _list_document(certificate: Certificate) -> dict[str, Any]:
         sides = zip(entry["sides"], proof.sides, strict=True)
         entry["sides"] = [{**_without_records(side), "member": said.worst.member} for side, said in sides]
     return {
-        "schema": CERTIFICATE_SCHEMA,
-        "kind": KIND,
-        "name": certificate.name,
-        "verdict": certificate.verdict.value,
-        "spec_sha256": certificate.spec_sha256,
-        "tolerance": certificate.tolerance,
-        "gains": numbers_of(first.gains),
-        **({"implementation": _implementation(first.implementation)} if first.implementation else {}),
+        **_implementation_entry(first),
         "stability": {**_without_records(stability), "point": list(certificate.stability.point), "member": own.member},
         "requirements": requirements,
         PLANTS: [
             {"name": member.name, "certificate": to_document(member.certificate)} for member in certificate.members
         ],
-        "versions": dict(certificate.versions),
     }
+
+
+def _implementation_entry(case: Case) -> dict[str, Any]:
+    return {"implementation": _implementation(case.implementation)} if case.implementation else {}
 
 
 def _without_records(entry: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from fopi_tune.core.peaks import Tilt
+from fopi_tune.quantities.base import NEPER_PER_DB
 
 
 class Relation(StrEnum):
@@ -52,11 +53,16 @@ class Requirement:
     end_limit: float | None = None
 
     @property
+    def every_limit(self) -> tuple[float, ...]:
+        """All numbers of the limit, both ends of a line."""
+        return self.limits if self.end_limit is None else (*self.limits, self.end_limit)
+
+    @property
     def tilt(self) -> Tilt | None:
         """What turns a response into one that is compared with the limit at `from_rad_s`; None of one number."""
         if self.end_limit is None:
             return None
-        rise = (self.end_limit - self.limits[0]) * math.log(10.0) / 20.0
+        rise = (self.end_limit - self.limits[0]) * NEPER_PER_DB
         return Tilt(rise / math.log(self.to_rad_s / self.from_rad_s), self.from_rad_s)
 
     def moved(self, limits: tuple[float, ...]) -> Requirement:
@@ -74,7 +80,7 @@ class Requirement:
         """The limit, dB, at a frequency of a line of `by_frequency`."""
         tilt = self.tilt
         assert tilt is not None
-        return self.limits[0] + tilt.power * math.log(omega_rad_s / tilt.omega_rad_s) * 20.0 / math.log(10.0)
+        return self.limits[0] + tilt.power * math.log(omega_rad_s / tilt.omega_rad_s) / NEPER_PER_DB
 
     @property
     def lower(self) -> float:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
 from fopi_tune.core.controller import FoPi
+from fopi_tune.errors import SpecError
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import DesignSpec
 
@@ -53,3 +56,10 @@ def mismatch(text: str = MISMATCH) -> DesignSpec:
 def mixed(more: str = "") -> DesignSpec:
     """The spec of three models, with more sections."""
     return parse_spec(MIXED + more)
+
+
+def problems(text: str) -> list[str]:
+    """Everything that is wrong with a spec's text."""
+    with pytest.raises(SpecError) as raised:
+        parse_spec(text, "s.yaml")
+    return [str(problem) for problem in raised.value.problems]

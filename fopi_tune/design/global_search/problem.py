@@ -103,9 +103,11 @@ class Problem:
     violations: tuple[Violation, ...] = ()
 
     @classmethod
-    def of(cls, spec: DesignSpec, violations: Sequence[Violation] = ()) -> Problem:
+    def of(
+        cls, spec: DesignSpec, violations: Sequence[Violation] = (), crossover_rad_s: float | None = None
+    ) -> Problem:
         """Scale the spec; its grids hold the plants and frequencies of violations that a check found."""
-        scale = scale_of(spec)
+        scale = scale_of(spec, crossover_rad_s)
         objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, Complex, Rows
+from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parametric.family import ParametricFamily
@@ -314,13 +314,9 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     phase = phase + 2.0 * np.pi * np.round((bode.imag - phase) / (2.0 * np.pi))
     usable = np.isfinite(log)
     gain, phase = np.where(usable, log.real, bode.real) - log_gain, np.where(usable, phase, bode.imag)
-    end_gain, end_phase = form.end()
-    high_slope = form.slope_end()
-    at_end = np.where(np.abs(high_slope) < 1e-9, end_gain - log_gain, np.sign(high_slope) * END)
-    at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)
-    gain = np.clip(np.column_stack([at_zero, gain, at_end]), -END, END)
+    gain = _with_ends(form, gain, log_gain)
     plant_gain = gain if filtered is None else _unfiltered_gain(plants, rows, all_u, log_gain)
-    end_phase = np.where(plants.dead_time_s > 0, phase[:, -1], end_phase)
+    end_phase = np.where(plants.dead_time_s > 0, phase[:, -1], form.end()[1])
     phase = np.column_stack([form.phase0, phase, end_phase])
     v = u - math.log(omega_s if samples is None else samples.half)
     v = np.concatenate([[v[0] - 3.0], v, [v[-1] + 3.0]])
@@ -346,7 +342,7 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     return Table(
         v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), delay,
         plants.unstable_poles.astype(np.int64), form.phase0 - 0.5 * np.pi * form.slope0,
-        form.slope0.astype(float), high_slope.astype(float), alias, error_gain, members, points.astype(float),
+        form.slope0.astype(float), form.slope_end().astype(float), alias, error_gain, members, points.astype(float),
         log_omega, np.ascontiguousarray(late), scaled.sampling, filter_gain, np.ascontiguousarray(plant_gain),
     )  # fmt: skip
 
@@ -371,6 +367,11 @@ def _unfiltered_gain(plants: Plants, rows: Rows, u: Array, log_gain: float) -> A
     """ln|P| of a table's columns, without the measurement filter."""
     form = plants.log
     inside = form.value(rows, u).real.reshape(len(plants), -1) - log_gain
+    return _with_ends(form, inside, log_gain)
+
+
+def _with_ends(form: BodeForm, inside: Array, log_gain: float) -> Array:
+    """ln|.|, scaled, with its limits as omega -> 0 and infinity before and behind; shape (m, n + 2)."""
     high_slope = form.slope_end()
     at_end = np.where(np.abs(high_slope) < 1e-9, form.end()[0] - log_gain, np.sign(high_slope) * END)
     at_zero = np.where(form.slope0 == 0, form.scale - log_gain, -np.sign(form.slope0) * END)

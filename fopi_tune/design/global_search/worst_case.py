@@ -242,26 +242,9 @@ def smallest_margin(x, table, work):
 
 @compiled
 def _worst_plant(
-    kind,
-    side,
-    limit,
-    scale,
-    mode,
-    x,
-    point,
-    plant,
-    v,
-    near,
-    target,
-    low_v,
-    high_v,
-    horizon,
-    family,
-    low,
-    high,
-    spacing,
-    tilt,
-):
+    kind, side, limit, scale, mode, x, point, plant, v, near, target, low_v, high_v, horizon, family, low, high,
+    spacing, tilt,
+):  # fmt: skip
     """Compass search over the box from a plant of the grid: (slack, v); `point` and `plant` are moved."""
     p = len(point)
     value, v = settle(kind, side, mode, x, plant, v, near, target, low_v, high_v, horizon, tilt)

@@ -142,7 +142,7 @@ def sensitivities(members: Members) -> Picture:
         for axes, word in zip(every, words, strict=True):
             _plot_family(axes, members, family[word], named[word])
             fit_y_limits(axes, [family[word], named[word]], 90.0)
-            bounds = [limit for r in requirements if r.quantity == word for limit in _ends(r)]
+            bounds = [limit for r in requirements if r.quantity == word for limit in r.every_limit]
             low, high = axes.get_ylim()
             axes.set_ylim(min([low, *(b - 3.0 for b in bounds)]), max([high, *(b + 3.0 for b in bounds)]))
             forbid_values(axes, requirements, word)
@@ -206,11 +206,6 @@ def margin_curves(members: Members) -> dict[str, Array]:
 _LOAD = "load_sensitivity_db"
 #: a panel's quantity -> its letters
 _WORDS = {"sensitivity_db": "S", "complementary_sensitivity_db": "T", "control_sensitivity_db": "C S", _LOAD: "P S"}
-
-
-def _ends(r: Requirement) -> list[float]:
-    """The limits of a requirement, at both ends of a line."""
-    return [*r.limits, *([] if r.end_limit is None else [r.end_limit])]
 
 
 def _panels(members: Members) -> list[str]:

@@ -7,21 +7,17 @@ so that a plant has those shared parameters whose names stand in its expressions
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.spec.parametric.expressions import NAME_PATTERN
+from fopi_tune.spec.parametric.plants import names_below
 from fopi_tune.spec.parametric.shapes import Parameters
 from fopi_tune.spec.plants import uncertain_shape
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark, key_path
 
 PARAMETERS, PLANTS = "parameters", "plants"
-#: a name in an expression; the e of 1e-3 is none
-_NAME = re.compile(rf"(?<![A-Za-z0-9_.]){NAME_PATTERN}")
-#: keys of a plant that hold no expressions
-_WORDS = ("model", "name", "weight", PARAMETERS)
 #: in place of a number that could not be read, whose problem is reported
 _UNREAD = ScalarNode(Mark(1, 1), "2.718281828459045", plain=True)
 
@@ -88,7 +84,7 @@ def _with_used(place: Place, shared: dict[str, tuple[Mark, Node]], used: set[str
         message = f"is a parameter that all plants may use, from line {line}; give one of them another name"
         place.collector.add(known[name][0], key_path(place.child(PARAMETERS).path, name), message)
         used.add(name)
-    names = set(_names_in(place.node)) & set(shared)
+    names = names_below(place.node) & set(shared)
     used |= names
     found = {name: shared[name] for name in shared if name in names and name not in known}
     if not found:
@@ -96,16 +92,3 @@ def _with_used(place: Place, shared: dict[str, tuple[Mark, Node]], used: set[str
     mark = place.node.mark if own is None else own.mark
     merged = MappingNode(mark, {**known, **found})
     return replace(place.node, entries={**place.node.entries, PARAMETERS: (mark, merged)})
-
-
-def _names_in(node: Node) -> Iterator[str]:
-    """Names in all that is written in a plant."""
-    if isinstance(node, MappingNode):
-        for key, (_, value) in node.entries.items():
-            if key not in _WORDS:
-                yield from _names_in(value)
-    elif isinstance(node, SequenceNode):
-        for each in node.nodes:
-            yield from _names_in(each)
-    elif isinstance(node, ScalarNode):
-        yield from _NAME.findall(node.text)

@@ -8,6 +8,7 @@ power   := atom ("**" signed)?
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -60,23 +61,23 @@ def exact_number(token: Token) -> Fraction:
     return Fraction(token.text)
 
 
-class Descent(Generic[Built]):
+class Descent(ABC, Generic[Built]):
     """Every level of parentheses and signs counts towards the depth."""
 
     def __init__(self, tokens: Sequence[Token]) -> None:
         self.tokens, self.place = tokens, 0
 
+    @abstractmethod
     def operation(self, sign: Token, left: Built, right: Built) -> Built:
         """left SIGN right, of + - * / **."""
-        raise NotImplementedError
 
+    @abstractmethod
     def negative(self, sign: Token, part: Built) -> Built:
         """The negative of a part."""
-        raise NotImplementedError
 
+    @abstractmethod
     def atom(self, depth: int) -> Built:
         """A number, a name, a parenthesis, or whatever else stands between signs."""
-        raise NotImplementedError
 
     @property
     def now(self) -> Token:

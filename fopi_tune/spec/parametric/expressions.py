@@ -91,7 +91,8 @@ def parse_expression(text: str) -> Expression:
 
 def names_in(text: str) -> set[str]:
     """Every word of a text, whether it is an expression or not."""
-    return set(re.findall(r"[A-Za-z_][A-Za-z0-9_]*", text))
+    # the e of 1e-3 is none
+    return set(re.findall(r"(?<![A-Za-z0-9_.])[A-Za-z_][A-Za-z0-9_]*", text))
 
 
 def _tokens(text: str) -> list[Token]:

@@ -29,6 +29,8 @@ from fopi_tune.spec.yaml.problems import key_path
 
 #: eight of floating point's sixteen digits are left
 _MOST_CANCELLATION = 1e8
+#: keys of a plant that hold no expressions
+_WORDS = ("model", "name", "weight", "parameters")
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,7 @@ class ParametricPlant:
 
     def refuse_unused(self) -> None:
         """Report parameters that no expression uses."""
-        assert isinstance(self.place.node, MappingNode)
-        elsewhere = [node for key, (_, node) in self.place.node.entries.items() if key not in ("parameters", "model")]
-        used = set[str]().union(*(_names_below(node) for node in elsewhere))
+        used = names_below(self.place.node)
         for name in self.parameters:
             if name not in used and re.fullmatch(NAME_PATTERN, name):
                 place = self.place.child("parameters")
@@ -99,13 +99,15 @@ def _is_whole(value: Any) -> bool:
     return all(_is_whole(each) for each in value) if isinstance(value, list) else value is not None
 
 
-def _names_below(node: Node) -> set[str]:
-    """The parameters that are used there, or may be where it could not be read."""
+def names_below(node: Node) -> set[str]:
+    """The parameters that a plant or a part of it uses, or may use where it could not be read."""
     if isinstance(node, ScalarNode):
         return names_in(node.text)
-    below = [each for _, each in node.entries.values()] if isinstance(node, MappingNode) else []
+    below = (
+        [each for key, (_, each) in node.entries.items() if key not in _WORDS] if isinstance(node, MappingNode) else []
+    )
     below += node.nodes if isinstance(node, SequenceNode) else []
-    return set[str]().union(*(_names_below(each) for each in below))
+    return set[str]().union(*(names_below(each) for each in below))
 
 
 def family_of(

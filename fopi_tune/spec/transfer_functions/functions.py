@@ -81,7 +81,8 @@ class Argument:
         return RationalFunction((ONE,), (ONE,), value.re)
 
 
-_DELAYS = ("inputdelay", "outputdelay", "iodelay")
+#: options of tf, zpk and of what is assigned, in small letters
+DELAYS = ("inputdelay", "outputdelay", "iodelay")
 _DISCRETE = "a sample time makes it discrete; give the plant in continuous time (d2c)"
 
 
@@ -153,7 +154,7 @@ def _split(arguments: Sequence[Argument], most: int) -> tuple[list[Argument], Ra
     """Arguments without a name, and the dead time of the others; one more than `most` is a sample time."""
     delay, given = RationalFunction.constant(ONE), [each for each in arguments if not each.name]
     for each in arguments:
-        if each.name.lower() in _DELAYS:
+        if each.name.lower() in DELAYS:
             delay = delay * each.as_delay()
         elif each.name.lower() in ("ts", "dt"):
             _refuse_sample_time(each)

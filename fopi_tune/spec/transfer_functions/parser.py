@@ -13,7 +13,7 @@ from fractions import Fraction
 
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.parametric.descent import Descent, ExpressionError, Token, exact_number
-from fopi_tune.spec.transfer_functions.functions import FUNCTIONS, Argument, Text, Value, Vector, exponential
+from fopi_tune.spec.transfer_functions.functions import DELAYS, FUNCTIONS, Argument, Text, Value, Vector, exponential
 from fopi_tune.spec.transfer_functions.rational import MOST_EXPONENT, ONE, ZERO, Exact, RationalFunction
 from fopi_tune.spec.transfer_functions.text import DISCRETE, SEVERAL, Statement
 from fopi_tune.spec.yaml.problems import quoted
@@ -21,8 +21,6 @@ from fopi_tune.spec.yaml.problems import quoted
 _S = RationalFunction((ONE, ZERO))
 _UNIT = Exact(Fraction(0), Fraction(1))
 _DISCRETE_NAMES = ("z", "q")
-#: options of tf, zpk and of what is assigned, in small letters
-DELAYS = ("inputdelay", "outputdelay", "iodelay")
 
 
 def evaluate(found: Sequence[Statement]) -> RationalFunction:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import jsonschema
-import pytest
+from cases.plant_lists import problems
 
-from fopi_tune.errors import SpecError
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.language import json_schema
@@ -13,12 +12,6 @@ from fopi_tune.spec.language import json_schema
 HEAD = "schema: 1\nname: a\nobjective: {minimize: iae_disturbance}\n"
 THROTTLE = "model: transfer_function, numerator: [1.5], denominator: [m, 40], dead_time_s: L"
 BRAKE = "model: transfer_function, numerator: [k], denominator: [m, 1e-3]"
-
-
-def problems(text: str) -> list[str]:
-    with pytest.raises(SpecError) as raised:
-        parse_spec(text, "s.yaml")
-    return [str(problem) for problem in raised.value.problems]
 
 
 def test_two_plants_that_share_a_mass_are_those_with_the_mass_in_each() -> None:

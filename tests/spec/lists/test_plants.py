@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import jsonschema
 import pytest
-from cases.plant_lists import MISMATCH, mismatch
+from cases.plant_lists import MISMATCH, mismatch, problems
 
 from fopi_tune.core.families.plant_list import PlantList
-from fopi_tune.errors import SpecError
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.digests import content_digest, digests_of
 from fopi_tune.spec.language import json_schema
@@ -15,12 +14,6 @@ from fopi_tune.spec.language import json_schema
 HEAD = "schema: 1\nname: a\n"
 LAG = "{model: lag, static_gain: 1, time_constant_s: 2}"
 REST = "objective: {minimize: iae_disturbance}\n"
-
-
-def problems(text: str) -> list[str]:
-    with pytest.raises(SpecError) as raised:
-        parse_spec(text, "s.yaml")
-    return [str(problem) for problem in raised.value.problems]
 
 
 def test_every_entry_is_a_plant_with_a_name_and_a_weight() -> None:
