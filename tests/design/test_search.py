@@ -341,12 +341,9 @@ def test_a_lower_limit_of_the_crossover_that_holds_nothing_back_costs_nothing(li
 @pytest.mark.parametrize("limit", [0.02, 0.1])
 def test_a_peak_grows_with_the_crossover_that_is_asked_for(limit: float) -> None:
     text = NEAR_NOTHING.replace("iae_disturbance", "sensitivity_peak_db")
-    found, twice = (design(parse_spec(text.replace("LIMIT", str(each)))) for each in (limit, 2.0 * limit))
+    found, twice = (ft.tune(parse_spec(text.replace("LIMIT", str(each))), proof=False) for each in (limit, 2.0 * limit))
     assert (found.status, twice.status) == (Status.SOLVED, Status.SOLVED)
-    assert found.gains is not None
-    assert twice.gains is not None
-    spec = parse_spec(text.replace("LIMIT", str(limit)))
-    one, two = (verify(spec, gains).objective for gains in (found.gains, twice.gains))
+    one, two = found.objective, twice.objective
     assert one is not None
     assert two is not None
     # a slow loop's |S| rises above 1 in proportion to its crossover; the search of 0.02 rad/s had ended failed
