@@ -29,7 +29,7 @@ CODE = {name: blocks_of(path.read_text(encoding="utf-8")) for name, path in PAGE
 #: commands that a page needs and that do not come with the package
 NEEDS = {"howto/c_on_target": ("gcc", "make")}
 #: pages whose commands take half a minute each, and are run with `-m long`
-LONG_PAGES = ["paper", "tutorial"]
+LONG_PAGES = ["paper", "tutorial", "api"]
 LONG_PAGES += [f"howto/{name}" for name in ("comfort", "what_a_limit", "own_plant", "two_loops")]
 LONG_PAGES += [f"howto/{name}" for name in ("c_on_target", "derivative", "reports", "dask", "batch", "evidence")]
 

@@ -80,7 +80,8 @@ class Requirement:
         """The limit, dB, at a frequency of a line of `by_frequency`."""
         tilt = self.tilt
         assert tilt is not None
-        return self.limits[0] + tilt.power * math.log(omega_rad_s / tilt.omega_rad_s) / NEPER_PER_DB
+        # where a line crosses 0 dB its rounding error is all that is left of it
+        return round(self.limits[0] + tilt.power * math.log(omega_rad_s / tilt.omega_rad_s) / NEPER_PER_DB, 12)
 
     @property
     def lower(self) -> float:

@@ -65,8 +65,9 @@ def on_samples() -> None:
 
 
 def simulated() -> None:
-    """The loop in time."""
+    """The loop in time, and what checks gains of the continuous loop."""
     simulate(load_spec(ROOT / "specs" / "brake.yaml"), FoPi(0.4, 0.4, 0.8))
+    verify(load_spec(CONTINUOUS / "brake.yaml"), FoPi(0.4, 0.4, 0.8))
 
 
 def scenarios(problem: ScenarioProblem) -> None:

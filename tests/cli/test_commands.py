@@ -536,6 +536,7 @@ def test_who_waits_for_the_compiler_is_told_that_it_is_once(monkeypatch: pytest.
     assert any("still tuning after" in words and "(compiling the search: one to two minutes" in words for words in said)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("words", "at", "found"),
     [("fopi tu", 1, ["tune"]), ("fopi tune --sol", 2, ["--solver"]), ("fopi tune --solver ", 3, ["ipopt", "convex"])],

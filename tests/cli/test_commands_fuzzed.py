@@ -303,6 +303,7 @@ SECRETS = {
 }
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("kind", SECRETS)
 def test_what_is_no_spec_no_table_and_no_result_is_not_shown(files: Path, tmp_path: Path, kind: str) -> None:
     path = tmp_path / "secret"

@@ -256,8 +256,8 @@ def test_a_read_only_folder_is_told_and_stays_as_it_is(bench: Bench, name: str) 
     assert litter_in(folder) == []
 
 
-# a file takes four operations: of every third one each kind is met
-@pytest.mark.parametrize("step", [37, pytest.param(3, marks=pytest.mark.long)])
+# a file takes four operations: of every seventh one each kind is met
+@pytest.mark.parametrize("step", [37, pytest.param(7, marks=pytest.mark.long)])
 def test_two_runs_into_one_folder_leave_whole_files_that_are_told_apart(bench: Bench, step: int) -> None:
     case, other = bench.case("run"), bench.case("first")
     folder = bench.folder(other.before)

@@ -27,6 +27,7 @@ def car(folder: Path, memory: str) -> str:
     return str(path)
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("memory", "verdict", "code"), [("reset", "settles", 0), ("held", "cycles", 1)])
 def test_a_system_is_proved_and_rechecked(tmp_path: Path, memory: str, verdict: str, code: int) -> None:
     file, out = car(tmp_path, memory), tmp_path / "out"

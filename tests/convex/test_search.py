@@ -122,7 +122,7 @@ OBJECTIVES = {
 }
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("name", OBJECTIVES)
 def test_both_searches_agree_on_every_objective(name: str) -> None:
     asked = (

@@ -154,13 +154,13 @@ def check_that_better_gains_are_kept(spec: DesignSpec, parts: tuple[float, ...])
     return len(parts)
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("name", SPECS)
 def test_gains_that_are_better_than_the_target_are_never_discarded(name: str) -> None:
     assert check_that_better_gains_are_kept(spec_of(SPECS[name]), (0.01, 0.02, 0.15)) == 3
 
 
-@pytest.mark.thinned(2, first=1)
+@pytest.mark.thinned(4, first=1)
 @pytest.mark.parametrize("name", SPECS)
 def test_nor_are_they_on_samples(name: str) -> None:
     assert check_that_better_gains_are_kept(spec_of(SPECS[name] + SAMPLED[name]), (0.01, 0.15)) == 2
@@ -171,7 +171,7 @@ def test_nor_are_they_with_plants_that_differ_on_samples(name: str) -> None:
     assert check_that_better_gains_are_kept(spec_of(SAMPLED_PLANTS[name]), (0.01, 0.03, 0.15)) == 3
 
 
-@pytest.mark.thinned(3, first=1)
+@pytest.mark.thinned(6, first=1)
 @pytest.mark.parametrize("digital", ["", DIGITAL % (0.1, 0.5)], ids=["continuous", "samples"])
 @pytest.mark.parametrize("name", WITH_DERIVATIVE)
 def test_nor_are_they_with_a_derivative(name: str, digital: str) -> None:

@@ -326,6 +326,7 @@ objective: {minimize: iae_disturbance}
 """
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("limit", [0.01, 0.15, 0.5])
 def test_a_lower_limit_of_the_crossover_that_holds_nothing_back_costs_nothing(limit: float) -> None:
     without = NEAR_NOTHING.replace("  - {crossover_rad_s: {at_least: LIMIT}, on: nominal}\n", "")

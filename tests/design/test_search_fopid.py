@@ -230,7 +230,7 @@ KNOWN_ON_SAMPLES = {
 }
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", KNOWN_ON_SAMPLES)
 def test_a_random_spec_on_samples_is_solved_to_the_references_optimum(seed: int) -> None:
     known = KNOWN_ON_SAMPLES[seed]

@@ -50,7 +50,7 @@ def spec_of(
 @pytest.mark.parametrize("objective", ["{maximize: ki}", "{minimize: sensitivity_peak_db}"])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("structure", STRUCTURES)
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 def test_gains_are_those_for_a_plant_that_holds_the_filter(structure: str, order: int, objective: str) -> None:
     asked = ASKED if "ki" in objective else "[{crossover_rad_s: {at_least: 0.4}}]"
     found = ft.tune(spec_of(structure, order, objective, asked), proof=False)

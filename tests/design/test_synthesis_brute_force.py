@@ -82,7 +82,7 @@ def test_an_unseen_spec_is_solved_to_the_references_optimum(case: Case) -> None:
     check_solved(tuned(case.name), case.objective)
 
 
-@pytest.mark.thinned(3, slow=["no_iso"])
+@pytest.mark.thinned(6, slow=["no_iso"])
 @pytest.mark.parametrize("case", chosen(INFEASIBLE))
 def test_an_infeasible_spec_says_which_requirements_clash(case: Case) -> None:
     design = tuned(case.name)
@@ -91,6 +91,7 @@ def test_an_infeasible_spec_says_which_requirements_clash(case: Case) -> None:
     assert {give.requirement for give in design.clash} == case.clash
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("case", chosen(UNBOUNDED))
 def test_an_unbounded_spec_is_called_so(case: Case) -> None:
     assert tuned(case.name).status is ft.Status.UNBOUNDED
@@ -134,7 +135,7 @@ def test_the_stored_references_of_closed_form_specs_are_what_a_scan_of_alpha_fin
 @pytest.mark.long
 @pytest.mark.parametrize("name", REFERENCES)
 def test_brute_force_finds_nothing_better_than_a_stored_reference(name: str) -> None:
-    best = brute_force(named(name), scan=600)
+    best = brute_force(named(name), scan=250)
     assert best.feasible
     assert no_worse(REFERENCES[name], best.objective)
 
@@ -143,7 +144,7 @@ def test_brute_force_finds_nothing_better_than_a_stored_reference(name: str) -> 
 @pytest.mark.parametrize("case", INFEASIBLE, ids=lambda case: case.name)
 def test_brute_force_finds_no_gains_for_an_infeasible_spec(case: Case) -> None:
     assert (
-        brute_force(ft.parse_spec(case.text), scan=600).violation > 1e-3
+        brute_force(ft.parse_spec(case.text), scan=250).violation > 1e-3
     )  # neper or radian; no case is that close to feasible
 
 

@@ -54,7 +54,7 @@ def printed(paths: tuple[str, ...], seed: str) -> list[str]:
     return done.stdout.decode().splitlines()
 
 
-@pytest.mark.parametrize("chosen", [(0, 1, 4), pytest.param((0, 1, 2, 3, 4), marks=pytest.mark.long)])
+@pytest.mark.parametrize("chosen", [(1, 4), pytest.param((0, 1, 2, 3, 4), marks=pytest.mark.long)])
 def test_a_design_has_the_same_bytes_whatever_was_solved_before(
     paths: tuple[str, ...], chosen: tuple[int, ...]
 ) -> None:

@@ -129,7 +129,7 @@ def test_without_an_integral_only_the_direct_path_is_left() -> None:
 # -- the fit --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(6)
 @pytest.mark.parametrize("alpha", [0.3, 0.45, 0.55, 0.8, 1.2])
 def test_the_fit_is_five_times_better_than_oustaloup_and_tustin(alpha: float) -> None:
     gains = FoPi(0.0, 1.0, alpha)
@@ -150,7 +150,7 @@ def test_oustaloup_and_tustin_err_as_published() -> None:
     assert error(tustin(gains, oustaloup(0.55, 7, BAND), TS), 0.55, JUDGED) == pytest.approx(0.115, abs=5e-4)
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(6)
 @pytest.mark.parametrize("alpha", [0.05, 0.95, 1.6, 1.9])
 def test_the_fit_takes_any_order(alpha: float) -> None:
     sections = fit(FoPi(0.0, 1.0, alpha), TS, 7, (10**-2.5, 1e3))

@@ -437,7 +437,7 @@ def test_the_cases_have_every_kind_of_weights() -> None:
     assert not np.any(weights["no weights"])
 
 
-@pytest.mark.thinned(3)
+@pytest.mark.thinned(9)
 @pytest.mark.parametrize("limits", [None, (-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0)])
 @pytest.mark.parametrize("name", FORGETFUL)
 def test_no_state_stays_subnormal_at_rest_or_while_tracking(name: str, limits: tuple[float, float] | None) -> None:
@@ -745,7 +745,7 @@ def test_make_test_replays_the_vectors(tmp_path: Path) -> None:
 # -- the texts -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(6)
 @needs_compiler
 @pytest.mark.parametrize("text", HOSTILE)
 def test_nothing_of_a_text_leaves_the_comment(tmp_path: Path, text: str) -> None:

@@ -45,6 +45,7 @@ def test_the_vectors_of_every_structure_with_a_filter_are_met_bit_for_bit(
             assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.thinned(2)
 @with_each_compiler
 @pytest.mark.parametrize("used", FILTERS, ids=["first", "second"])
 @pytest.mark.parametrize(
@@ -78,6 +79,7 @@ def test_thousands_of_operations_behind_a_filter_are_the_runtime_bit_for_bit(
     assert sum(output in (-1.0, 0.8) for output in outputs) > count // 100, "limits are reached"
 
 
+@pytest.mark.thinned(2)
 @with_each_compiler
 def test_no_operation_behind_a_filter_is_undefined(tmp_path: Path, compiler: str) -> None:
     for place, (gains, used) in enumerate(zip((PID, GAINS[1]), FILTERS, strict=True)):

@@ -58,6 +58,7 @@ _CASES = [
 ]
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.skipif(not shutil.which("g++"), reason="g++ is not found")
 @pytest.mark.parametrize(("gains", "weight", "limits", "rate"), _CASES)
 def test_the_operations_of_a_sample_are_those_of_the_code(

@@ -97,7 +97,7 @@ def noisy(plant: TruePlant, moved: np.ndarray, seed: int, share: float = 0.01) -
     return Recording("a", DT * np.arange(float(len(moved))), moved, 7.0 + output + noise)
 
 
-@pytest.mark.thinned(5)
+@pytest.mark.thinned(10)
 @seeds_of_noise
 @pytest.mark.parametrize("shape", INPUTS)
 @pytest.mark.parametrize("name", PLANTS)

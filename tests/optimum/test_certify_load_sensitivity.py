@@ -48,6 +48,7 @@ def largest(loops: Loops, response: Response, count: int) -> np.ndarray:
     return np.asarray(DB * extremes(loops, response, 0.0, math.inf).value.reshape(count, -1).max(axis=1))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("used", ["", ", measurement_filter: {order: 2, time_constant_s: 0.2}"])
 @pytest.mark.parametrize("objective", [PEAK, KI])
 def test_no_gains_beat_the_bound(objective: str, used: str) -> None:

@@ -85,6 +85,7 @@ def _feasible(spec: DesignSpec, gains: list[ft.FoPi], response: Response, limit_
     return np.asarray(((peak <= limit_db) & is_stable(loops)).reshape(n, m).all(axis=1))
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(("structure", "order"), [("pi", 1), ("pi", 2), ("fopi", 2), ("pid", 2)])
 def test_no_gains_beat_the_bound_where_the_noise_gain_is_limited(structure: str, order: int) -> None:
     spec = spec_of(structure, order, "{maximize: ki}", "[{control_sensitivity_db: {at_most: 6}}]")

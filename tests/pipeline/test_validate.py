@@ -332,6 +332,7 @@ def test_blocks_keep_apart_what_is_no_plant_of_the_family() -> None:
     assert validate(spec, GAINS, blocks=blocks).to_dict() == whole.to_dict()
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("edges", [[(0, 512)], [(0, 1200), (1024, 1200)], [(512, 1200)], [(0, 512), (1024, 1200)]])
 def test_blocks_that_are_not_all_draws_are_refused(edges: list[tuple[int, int]]) -> None:
     spec = brake(samples=1200, more="")

@@ -116,6 +116,7 @@ CLOSED_FORMS = {
 }  # fmt: skip
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("name", CLOSED_FORMS)
 def test_limits_around_a_closed_form_are_told_apart(name: str) -> None:
     plants, gains, worst, upper = CLOSED_FORMS[name]

@@ -205,14 +205,14 @@ def test_no_limit_short_of_a_sampled_value_is_proved() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(10))
-def test_no_limit_short_of_a_sampled_value_is_proved_of_five_hundred_families(
+def test_no_limit_short_of_a_sampled_value_is_proved_of_a_hundred_families(
     block: int, record_property: Callable[[str, object], None]
 ) -> None:
-    counted = outcomes(range(100 + 50 * block, 150 + 50 * block))
+    counted = outcomes(range(100 + 50 * block, 112 + 50 * block))
     record_property("outcomes", dict(counted))
     print(dict(counted))
-    assert counted["undecided"] <= 10
-    assert counted["proved"] >= 5
+    assert counted["undecided"] <= 3
+    assert counted["proved"] >= 1
 
 
 #: of the benchmark's parameters a part with the same worst plant

@@ -194,6 +194,7 @@ def test_a_screenshot_is_made_and_not_blank(browser: Any, tmp_path: Path) -> Non
         assert colours(visit.page.screenshot()) == 1
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize("width", [1280, 400])
 @pytest.mark.parametrize("make", [brake_page, comparison_page, system_page])
 def test_no_page_is_wider_than_its_window(browser: Any, tmp_path: Path, make: Any, width: int) -> None:

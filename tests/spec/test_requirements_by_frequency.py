@@ -42,6 +42,9 @@ def test_points_become_lines_that_are_straight_over_the_logarithm_of_the_frequen
     assert first.limit_at(0.1) == pytest.approx(-20.0)
     # 3 dB below the limit at 0.05 rad/s is told as 3 dB below that at 0.01 rad/s
     assert first.value_at(-43.0, 0.05) == pytest.approx(first.limit_at(0.05) - 3.0)
+    # what rounding leaves of 0 dB is 0 dB
+    (falling,) = spec_with("sensitivity_db: {at_most: {by_frequency: [[10, 0], [1000, -40]]}}").requirements
+    assert falling.limit_at(math.nextafter(10.0, 20.0)) == 0.0
     moved = first.moved((-42.0,))
     assert (moved.limits, moved.end_limit) == ((-42.0,), -22.0)
 

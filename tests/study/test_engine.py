@@ -545,7 +545,7 @@ class Dividing(InProcessRunner):
         return TaskOutcome(task, block=run_block(cell, versions, *task.draws))
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize(
     ("dies", "fails", "ran"),
     [

@@ -120,7 +120,7 @@ def test_the_plants_of_a_box_are_those_behind_the_hold(plant: str, digital: str)
         np.testing.assert_allclose(response, wanted, rtol=2e-9, atol=1e-12 * np.abs(wanted).max())
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize("plant", ["vertices", "integrator", "direct"])
 @pytest.mark.parametrize("options", FILTERS[:3], ids=lambda o: " ".join(o.values()))
 def test_the_slots_quantities_are_those_of_core(plant: str, options: dict[str, str]) -> None:

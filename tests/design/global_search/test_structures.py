@@ -93,7 +93,7 @@ def test_the_responses_are_those_of_the_controller(more: str) -> None:
             assert end == pytest.approx(gains.kp + gains.kd / TF, rel=1e-12)
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(6)
 @pytest.mark.parametrize("zero", ["", "ki", "kp ki", "kp", "kd"])
 def test_the_phase_of_a_ray_is_followed_from_low_frequency_on(zero: str) -> None:
     problem, chance = problem_of(), np.random.default_rng(8)
@@ -230,7 +230,7 @@ def test_the_responses_with_orders_on_samples_are_those_of_the_digital_controlle
     assert samples is not None
     kind, numbers = Kind.of(problem.scaled.sampling, True)
     assert kind.rise_corners == kind.corners > 0
-    for _ in range(20):
+    for _ in range(8):
         gains = random_orders(chance)
         x = scale.scaled(gains)
         made = controller_of(x[:3], WITH_ORDERS.sampling_at(x, problem.scaled.sampling))

@@ -275,7 +275,7 @@ def test_the_battery_is_answered_without_a_mistake() -> None:
     assert 15 < sum(answers) < len(answers) - 15
 
 
-@pytest.mark.thinned(4)
+@pytest.mark.thinned(8)
 @pytest.mark.parametrize(("old", "new"), thinned(SLIPS))
 def test_a_slip_is_caught(old: str, new: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sources = {key: inspect.getsource(module) for key, module in MODULES.items()}

@@ -120,6 +120,7 @@ def test_what_is_unstable_without_counting(found: FoPid, family: PlantFamily, un
     assert is_structurally_unstable(BallLoop(found, family), ()) is unstable
 
 
+@pytest.mark.thinned(2)
 @pytest.mark.parametrize(
     ("found", "family", "shown"),
     [

@@ -108,7 +108,7 @@ SEALED: list[tuple[str, tuple[Any, ...], Callable[[Any], Any]]] = [
 ]
 
 
-@pytest.mark.thinned(2)
+@pytest.mark.thinned(6)
 @pytest.mark.parametrize(
     ("memory", "path", "change"),
     # a function's own name has its address in it, which differs between the processes of the tests

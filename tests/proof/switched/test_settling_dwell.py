@@ -83,7 +83,7 @@ def test_a_proof_of_a_shorter_dwell_is_none_of_a_longer_one(memory: str) -> None
     assert named in found.reason
 
 
-@pytest.mark.thinned(6)
+@pytest.mark.thinned(12)
 @pytest.mark.parametrize(
     ("memory", "seconds", "setpoints"),
     [

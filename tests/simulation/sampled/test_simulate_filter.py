@@ -38,6 +38,7 @@ def lags(m: int) -> Plants:
     return Plants(bottoms[:, -1:] * rng.uniform(0.8, 1.2, (m, 1)), bottoms, rng.uniform(0.0, 0.3, m))
 
 
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("used", FILTERS, ids=["first", "second"])
 @pytest.mark.parametrize("gains", GAINS, ids=["pid", "fopi", "gain", "fopid"])
 def test_the_kernel_with_a_filter_is_the_runtime_bit_for_bit(gains: FoPi, used: MeasurementFilter) -> None:

@@ -79,7 +79,7 @@ def test_a_step_of_a_pid_is_that_of_a_textbooks_recursion(b: float, start: float
     assert abs(found[-1] - reference[-1]) < 0.05
 
 
-@pytest.mark.thinned(5)
+@pytest.mark.thinned(10)
 @pytest.mark.parametrize(
     "gains",
     [PID, Pid(2.0, 0.0, 0.8, 0.15), Pid(0.0, 1.0, 0.3, 0.05), FoPi(2.0, 1.0, 0.7), FOPID,
