@@ -305,33 +305,43 @@ class JointFamily(PlantFamily):
 
     Args:
         members: the families by name.
+        shared: numbers that all of them have with the same range, and that are one number of the box, by its own name.
     """
 
     members: Mapping[str, PlantFamily] = field(default_factory=dict)
+    shared: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, members: Mapping[str, PlantFamily]) -> JointFamily:
-        """The joint box."""
-        numbers = {f"{name}.{key}": value for name, one in members.items() for key, value in one.parameters.items()}
-        return cls(" and ".join(members), numbers, members)
+    def of(cls, members: Mapping[str, PlantFamily], shared: tuple[str, ...] = ()) -> JointFamily:
+        """The joint box of `members`; `shared` as above."""
+        numbers = {
+            key if key in shared else f"{name}.{key}": value
+            for name, one in members.items()
+            for key, value in one.parameters.items()
+        }
+        return cls(" and ".join(members), numbers, members, shared)
+
+    def columns(self, name: str) -> list[int]:
+        """The box's axes that are the uncertain numbers of the member called `name`, in their order."""
+        axes = self.uncertain_names
+        numbers = self.members[name].uncertain_names
+        return [axes.index(key if key in self.shared else f"{name}.{key}") for key in numbers]
 
     def problem(self, name: str, value: Uncertain) -> str | None:
+        if name in self.shared:
+            every = (member.problem(name, value) for member in self.members.values())
+            return next((wrong for wrong in every if wrong is not None), None)
         member, _, number = name.partition(".")
         return self.members[member].problem(number, value)
 
     def refused(self, points: Array) -> NDArray[np.bool_]:
-        found, first = np.zeros(len(points), dtype=bool), 0
-        for member in self.members.values():
-            end = first + len(member.uncertain_names)
-            found |= member.refused(points[:, first:end])
-            first = end
+        found = np.zeros(len(points), dtype=bool)
+        for name, member in self.members.items():
+            found |= member.refused(points[:, self.columns(name)])
         return found
 
     def why_refused(self, point: Array) -> str | None:
-        first = 0
         for name, member in self.members.items():
-            end = first + len(member.uncertain_names)
-            if (why := member.why_refused(point[first:end])) is not None:
+            if (why := member.why_refused(point[self.columns(name)])) is not None:
                 return f"{name}: {why}"
-            first = end
         return None

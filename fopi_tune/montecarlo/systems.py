@@ -55,16 +55,15 @@ def modes_of(system: SystemSpec, implementations: Sequence[Implementation], poin
         implementations: the controllers that run, throttle first.
         points: see `PointSource`.
     """
-    split = len(system.modes[0].spec.plant.uncertain_names)
+    family = system.family
 
-    def supply(mode: ModeSpec, columns: slice) -> PlantSupplier:
+    def supply(mode: ModeSpec) -> PlantSupplier:
+        columns = family.columns(mode.name)
         return lambda first, end: Plants.members(mode.spec.plant, points(first, end)[:, columns])
 
     return [
-        Mode(runtime_of(implementation.sections, mode.spec), supply(mode, columns))
-        for mode, implementation, columns in zip(
-            system.modes, implementations, (slice(0, split), slice(split, None)), strict=True
-        )
+        Mode(runtime_of(implementation.sections, mode.spec), supply(mode))
+        for mode, implementation in zip(system.modes, implementations, strict=True)
     ]
 
 

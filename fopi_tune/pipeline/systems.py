@@ -135,8 +135,8 @@ def refuse_system_simulation(
 
 def _points(system: SystemSpec, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of each mode's plant."""
-    split = len(system.modes[0].spec.plant.uncertain_names)
-    return point[:split], point[split:]
+    throttle, brake = (point[system.family.columns(mode.name)] for mode in system.modes)
+    return throttle, brake
 
 
 def _system_notes(system: SystemSpec, on_samples: bool) -> tuple[str, ...]:

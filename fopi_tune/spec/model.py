@@ -274,6 +274,7 @@ class SystemSpec:
         objective: which measure is minimised; None where nothing is designed.
         tuned: names of the modes whose gains are designed for them.
         min_dwell_s: a mode that was entered by a switch stays at least so long; the first one may be left at once.
+        shared: names of numbers that both plants have and that are one number, such as a car's mass.
     """
 
     name: str
@@ -293,6 +294,7 @@ class SystemSpec:
     objective: Objective | None = None
     tuned: tuple[str, ...] = ()
     min_dwell_s: float = 0.0
+    shared: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.min_dwell_s < math.inf:
@@ -328,5 +330,5 @@ class SystemSpec:
 
     @property
     def family(self) -> JointFamily:
-        """The uncertain numbers of both plants as one box, each named MODE.NUMBER."""
-        return JointFamily.of({mode.name: mode.spec.plant for mode in self.modes})
+        """The uncertain numbers of both plants as one box, each named MODE.NUMBER; shared ones by their own names."""
+        return JointFamily.of({mode.name: mode.spec.plant for mode in self.modes}, self.shared)

@@ -10,7 +10,7 @@ from typing import Any
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.core.families.plant_list import PlantList
-from fopi_tune.core.plant import JointFamily
+from fopi_tune.core.plant import JointFamily, Uncertain
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
@@ -30,7 +30,9 @@ from fopi_tune.spec.scenarios import (
     with_scenario,
 )
 from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_validation, validation_shape
+from fopi_tune.spec.yaml.hints import one_of
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place
+from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Pair, Shape, Text, Version
 
@@ -93,13 +95,18 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
     if throttle is None or brake is None or not _check_same_timing(throttle, brake, values, place):
         return None
     placed: PlacedValidation | None = values.get("validation")
-    family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)})
+    _refuse_what_is_not_shared(throttle, brake, modes_section, place.child(SYSTEM))
+    if place.collector.problems:
+        return None
+    shared = tuple(dict.fromkeys(modes_section.get("shared") or ()))
+    family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)}, shared)
     validation = None if placed is None else resolve_validation(placed, family, read)
-    plain = {key: value for key, value in modes_section.items() if key not in MODES}
+    plain = {key: value for key, value in modes_section.items() if key not in (*MODES, "shared")}
     system = SystemSpec(
         name=values["name"],
         modes=(throttle, brake),
         **plain,
+        shared=shared,
         scenarios=tuple(values["scenarios"]),
         limits=tuple(each.limit for each in values.get("limits") or ()),
         validation=validation,
@@ -164,6 +171,29 @@ def _checked_objective(values: Values, requirements: list[PlacedLimit], place: P
     return objective
 
 
+def _refuse_what_is_not_shared(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> None:
+    """Reports names under `shared` that are not the same uncertain number in both plants."""
+    for index, name in enumerate(values.get("shared") or ()):
+        where = place.child("shared").item(index)
+        one, other = (mode.spec.plant.parameters.get(name) for mode in (throttle, brake))
+        if one is None or other is None:
+            mode = throttle if one is None else brake
+            known = sorted({*throttle.spec.plant.uncertain_names} & {*brake.spec.plant.uncertain_names})
+            advice = f"write {one_of(known)}" if known else "both plants have to have an uncertain number of this name"
+            where.refuse(f"the {mode.name}'s plant has no number called {quoted(name)}; {advice}")
+        elif one != other:
+            where.refuse(
+                f"{name} is {_range_of(one)} in the throttle's spec and {_range_of(other)} in the brake's; one number "
+                "has one range and one nominal value"
+            )
+        elif one.is_exact:
+            where.refuse(f"{name} is exactly {one.min:g} in both specs, which shares nothing; leave it out")
+
+
+def _range_of(number: Uncertain) -> str:
+    return f"[{number.min!r}, {number.max!r}] with nominal {number.nominal!r}"
+
+
 def _refuse_short_window(system: SystemSpec, place: Place) -> None:
     """Reports a window in which more than `most_switches` jumps, one a sample, cannot happen."""
     shortest = system.most_switches * system.sample_time_s
@@ -208,6 +238,10 @@ def _modes_shape() -> Shape:
         ),
         "min_dwell_s": Key(
             Number("a mode stays at least so long after a switch, s; rounded up to samples", at_least=0, at_most=1e9),
+            required=False,
+        ),
+        "shared": Key(
+            ListOf("numbers of both plants that are one number", Text("a number's name in both specs"), 0, 64),
             required=False,
         ),
     }

@@ -140,7 +140,7 @@ class _DistributionMapping(Shape):
     def json_schema(self) -> JsonSchema:
         # a parameter's name, or the place of a number without one: denominator[0][1], poles[2].damping
         index = r"\[(?:0|[1-9][0-9]*)\]"
-        before = rf"(?:{'|'.join(self.members)})\." if self.members else ""
+        before = rf"(?:(?:{'|'.join(self.members)})\.)?" if self.members else ""
         pattern = rf"^{before}(?:{NAME_PATTERN}(?:{index}){{0,2}}|(?:zeros|poles){index}\.{PAIR_PATTERN})$"
         return {
             "type": "object",

@@ -78,7 +78,12 @@ def _plants(model: SwitchedModel) -> tuple[Array, Array]:
     """Pairs of plants, corners first; shapes (m, p) and (m, q)."""
     throttle, brake = (np.roll(loop.plant.corners(4), -1, axis=0) for loop in model.loops)
     throttle, brake = (rows if rows.shape[1] else rows[:1] for rows in (throttle, brake))
-    pairs = [(i, j) for i in range(len(throttle)) for j in range(len(brake))][:_MOST_PLANTS]
+    one, other = (
+        rows[:, [loop.plant.uncertain_names.index(name) for name in model.shared]]
+        for rows, loop in zip((throttle, brake), model.loops, strict=True)
+    )
+    pairs = [(i, j) for i in range(len(throttle)) for j in range(len(brake)) if np.array_equal(one[i], other[j])]
+    pairs = pairs[:_MOST_PLANTS]
     return throttle[[i for i, _ in pairs]], brake[[j for _, j in pairs]]
 
 

@@ -128,7 +128,8 @@ def _are_plants(model: SwitchedModel, proof: CycleProof) -> bool:
         ranges = loop.plant.parameters
         if not all(ranges[name].min <= value <= ranges[name].max for name, value in numbers.items()):
             return False
-    return True
+    throttle, brake = proof.plants
+    return all(throttle[name] == brake[name] for name in model.shared)
 
 
 def _maps(model: SwitchedModel, proof: CycleProof, setpoint: arb) -> list[SampleMap]:

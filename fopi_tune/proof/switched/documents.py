@@ -7,7 +7,7 @@ included.  Whether the statements are true is tested by `recheck`.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fopi_tune.core.parametric.family import EXPRESSIONS
@@ -50,6 +50,7 @@ def to_document(certificate: SystemCertificate) -> dict[str, Any]:
         "hysteresis": model.hysteresis,
         "inactive": model.memory.value,
         **({"min_dwell_samples": model.min_dwell_samples} if model.min_dwell_samples else {}),
+        **({"shared": list(model.shared)} if model.shared else {}),
         "modes": [_loop(*each) for each in zip(model.loops, certificate.loops, strict=True)],
         "setpoints": None if certificate.setpoints is None else list(certificate.setpoints),
         "settling": None if certificate.settling is None else _settling(certificate.settling),
@@ -84,10 +85,11 @@ def from_document(document: object) -> SystemCertificate:
     cycles = top.children("cycles")
     if len(cycles) > _MOST_CYCLES:
         raise CertificateError(f"{top.at('cycles')} has more than {_MOST_CYCLES} entries")
+    memory, shared = top.word("inactive", Memory), _shared(top, loops)
     found = SystemCertificate(
         name=top.text("name"),
         system_sha256=top.text("system_sha256"),
-        model=SwitchedModel(sample_time_s, hysteresis, top.word("inactive", Memory), (loops[0], loops[1]), _dwell(top)),
+        model=SwitchedModel(sample_time_s, hysteresis, memory, (loops[0], loops[1]), _dwell(top), shared),
         setpoints=None if top.get("setpoints") is None else _range(top, "setpoints"),
         loops=(proofs[0], proofs[1]),
         settling=None if top.get("settling") is None else _read_settling(top.child("settling")),
@@ -115,6 +117,17 @@ def _dwell(top: JsonObject) -> int:
     if found is None or found < 0:
         raise CertificateError(f"{top.at('min_dwell_samples')} must be a whole number of at least 0")
     return found
+
+
+def _shared(top: JsonObject, loops: Sequence[SwitchedLoop]) -> tuple[str, ...]:
+    """The numbers that both plants share; certificates without them are of systems that share none."""
+    if "shared" not in top.value:
+        return ()
+    names = top.text_list("shared")
+    ranges = [[loop.plant.parameters.get(name) for name in names] for loop in loops]
+    if not names or len({*names}) < len(names) or ranges[0] != ranges[1] or None in ranges[0]:
+        raise CertificateError(f"{top.at('shared')} must be numbers that both plants have with the same range")
+    return names
 
 
 def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any]:

@@ -96,6 +96,7 @@ class SwitchedModel:
         memory: of the inactive controller.
         loops: throttle and brake.
         min_dwell_samples: samples that a mode stays at least after it was entered; 0 and 1 are any.
+        shared: names of numbers that both plants have the same value of; bounds hold without that too.
     """
 
     sample_time_s: float
@@ -103,6 +104,7 @@ class SwitchedModel:
     memory: Memory
     loops: tuple[SwitchedLoop, SwitchedLoop]
     min_dwell_samples: int = 0
+    shared: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, system: SystemSpec, gains: Mapping[str, FoPi]) -> SwitchedModel:
@@ -119,7 +121,7 @@ class SwitchedModel:
             raise DomainError(f"there are no gains of {' and '.join(missing)}; give those of both modes")
         throttle, brake = (_loop_of(system, index, gains[mode.name]) for index, mode in enumerate(system.modes))
         memory, dwell = Memory(system.inactive), system.min_dwell_samples
-        return cls(system.sample_time_s, system.hysteresis, memory, (throttle, brake), dwell)
+        return cls(system.sample_time_s, system.hysteresis, memory, (throttle, brake), dwell, system.shared)
 
     @property
     def sizes(self) -> tuple[int, int]:
