@@ -61,7 +61,7 @@ def design_notes(asked: DesignSpec, design: Design) -> tuple[str, ...]:
         asked: the spec as written.
         design: solved for what it was completed to.
     """
-    notes = [*default_notes(asked), *_noise(asked), *_beyond_sampling(asked)]
+    notes = [*default_notes(asked), *_noise(asked), *_beyond_sampling(asked), *_too_fast_to_sample(asked)]
     if design.status is Status.SOLVED and design.gains is not None:
         notes += [*_vanished(asked, design.gains, design.steady_state_error), *_at_ends(asked.controller, design.gains)]
     return tuple(notes)
@@ -113,6 +113,23 @@ def _beyond_sampling(asked: DesignSpec) -> Iterator[str]:
                 f"requirement {place}, {each.quantity}: its band reaches to {each.to_rad_s:g} rad/s, and the loop on "
                 f"samples has a response up to Nyquist's frequency, {nyquist:.4g} rad/s: nothing is said of what lies "
                 "above; sample faster for that"
+            )
+
+
+def _too_fast_to_sample(asked: DesignSpec) -> Iterator[str]:
+    """Of filters of a continuous design that no controller on its samples has; a design on samples refuses them."""
+    if asked.digital is None or asked.digital.designs_sampled:
+        return
+    controller, half = asked.controller, 0.5 * asked.digital.sample_time_s
+    filtered = controller.measurement_filter
+    for name, time in (
+        ("derivative_filter_time_constant_s", controller.derivative_filter_time_constant_s),
+        ("measurement_filter.time_constant_s", 0.0 if filtered is None else filtered.time_constant_s),
+    ):
+        if 0.0 < time < half:
+            yield (
+                f"{name} = {time:g} s is below half the sample time, {half:g} s: these gains are for the continuous "
+                "loop alone, as the discretizer refuses such a filter; write a longer time or sample faster"
             )
 
 

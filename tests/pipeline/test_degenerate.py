@@ -90,3 +90,34 @@ def test_a_band_of_which_samples_tell_a_part_is_said(band: str, digital: str, sa
     if note is not None:
         assert note.startswith("requirement 1, sensitivity_db: its band reaches to 100 rad/s")
         assert "31.42 rad/s" in note
+
+
+@pytest.mark.parametrize(
+    ("filter_s", "more", "named"),
+    [
+        (0.09, "", ["derivative_filter_time_constant_s = 0.09 s"]),
+        (0.1, "", []),
+        (
+            0.05,
+            ", measurement_filter: {order: 2, time_constant_s: 0.02}",
+            ["derivative_filter_time_constant_s = 0.05 s", "measurement_filter.time_constant_s = 0.02 s"],
+        ),
+    ],
+)
+def test_a_filter_that_the_discretizer_refuses_is_said_by_a_continuous_design(
+    filter_s: float, more: str, named: list[str]
+) -> None:
+    text = (
+        "schema: 1\nname: fast\nplant: {model: lag, static_gain: 1, time_constant_s: 2}\n"
+        f"controller: {{structure: pid, kp: 1, ki: 1, kd: 0.3, derivative_filter_time_constant_s: {filter_s}{more}}}\n"
+        "requirements: [{sensitivity_db: {at_most: 9}}]\ndigital: {sample_time_s: 0.2}\n"
+    )
+    design = ft.tune(parse_spec(text), proof=False)
+    assert design.gains is not None
+    notes = [note for note in design.notes if "is below half the sample time, 0.1 s" in note]
+    assert [note.partition(" is below")[0] for note in notes] == named
+    if named:
+        with pytest.raises(ft.DomainError, match="is below half the sample time"):
+            ft.discretize(design.spec, design.gains)
+    else:
+        assert ft.discretize(design.spec, design.gains) is not None
