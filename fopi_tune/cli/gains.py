@@ -56,6 +56,7 @@ class GivenGains:
         if not self:
             return None
         given: dict[str, float] = {}
+        spec.controller.refuse_filter_times("giving gains on the command line")
         self._refuse_foreign(spec)
         for name in _NAMES:
             value, box = getattr(self, name), getattr(spec.controller, name)

@@ -290,7 +290,7 @@ def candidate_of(polish: Polish, best: Polished) -> Candidate:
         message = f"{' and '.join(grown)} {verb} without limit while the objective still improves"
     return Candidate(
         status, problem.gains(best.x), multipliers_of(problem, best), (), message,
-        polish.counts.solves, best.rounds, best.cuts,
+        polish.counts.solves, best.rounds, best.cuts, objective=public_objective(problem, best.cost),
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.design.filter_times import design_with_filter_times
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.infeasible import explain_reason
 from fopi_tune.design.reasons import reason_without_solving
@@ -37,6 +38,9 @@ def design(
         A candidate; `fopi_tune.proof` has to check it.
     """
     fixed = spec.controller.fixed
+    if spec.controller.filter_times is not None:
+        known = start.gains if isinstance(start, Neighbour) else start
+        return design_with_filter_times(spec, known, lambda fixed, near: design(fixed, violations, near))
     nothing = tuple(None for _ in spec.requirements)
     if fixed is not None and fixed.is_zero:
         return Candidate(Status.INFEASIBLE, None, nothing, (), NO_CONTROLLER)

@@ -94,6 +94,8 @@ def why_no_bound(spec: DesignSpec) -> str:
     """Why no bound can be proved for a spec; empty when one can."""
     if spec.digital is not None and spec.digital.designs_sampled:
         return "there is no bound for the loop on samples (design: sampled)"
+    if spec.controller.filter_times is not None:
+        return "there is no bound where a filter's time constant has a range"
     has_derivative = spec.controller.has_derivative
     if nominal_equality(spec, "crossover_rad_s") is not None and not has_derivative:
         return ""

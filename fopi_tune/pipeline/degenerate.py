@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from fopi_tune.core.controller import MU_MAX, FoPi, derivative_of
+from fopi_tune.core.controller import DERIVATIVE_NAMES, MU_MAX, FoPi, derivative_of
 from fopi_tune.results.design import Design
 from fopi_tune.results.equalities import in_percent
 from fopi_tune.results.status import Status
@@ -61,7 +61,7 @@ def design_notes(asked: DesignSpec, design: Design) -> tuple[str, ...]:
         asked: the spec as written.
         design: solved for what it was completed to.
     """
-    notes = [*default_notes(asked), *_noise(asked), *_beyond_sampling(asked), *_too_fast_to_sample(asked)]
+    notes = [*default_notes(asked), *_noise(asked), *_beyond_sampling(asked), *_too_fast_to_sample(asked, design.gains)]
     if design.status is Status.SOLVED and design.gains is not None:
         notes += [*_vanished(asked, design.gains, design.steady_state_error), *_at_ends(asked.controller, design.gains)]
     return tuple(notes)
@@ -116,11 +116,12 @@ def _beyond_sampling(asked: DesignSpec) -> Iterator[str]:
             )
 
 
-def _too_fast_to_sample(asked: DesignSpec) -> Iterator[str]:
+def _too_fast_to_sample(asked: DesignSpec, gains: FoPi | None) -> Iterator[str]:
     """Of filters of a continuous design that no controller on its samples has; a design on samples refuses them."""
     if asked.digital is None or asked.digital.designs_sampled:
         return
     controller, half = asked.controller, 0.5 * asked.digital.sample_time_s
+    controller = controller if gains is None else controller.with_times_of(gains)
     filtered = controller.measurement_filter
     for name, time in (
         ("derivative_filter_time_constant_s", controller.derivative_filter_time_constant_s),
@@ -143,3 +144,16 @@ def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:
         for word, end in (("lower", side.min), ("upper", side.max)):
             if value != 0.0 and math.isfinite(end) and abs(value - end) <= _AT_END * max(abs(end), abs(value)):
                 yield f"{name} is at the {word} end of its range, {end:g}: a wider range may give a better design"
+    times = controller.filter_times
+    for name, (low, high) in ({} if times is None else times.ranges).items():
+        time = _time_of(gains, name)
+        for word, end in (("lower", low), ("upper", high)):
+            if time == end:
+                yield f"{name} is at the {word} end of its range, {end:g} s: a wider range may give a better design"
+
+
+def _time_of(gains: FoPi, name: str) -> float:
+    """A filter's time, s, by its name in a spec."""
+    if name == DERIVATIVE_NAMES[1]:
+        return derivative_of(gains).filter_s
+    return 0.0 if gains.measurement_filter is None else gains.measurement_filter.time_constant_s

@@ -72,6 +72,7 @@ def tradeoff(
 
     knob = movable_limit(spec, str(requirement))
     box = spec.controller
+    box.refuse_filter_times("a sweep")
     if box.fixed is not None:
         raise DomainError(f"the spec fixes {box.names}: whatever a limit is, the gains stay; give one of them a range")
     design = tune(spec, proof=False, bracket=False)

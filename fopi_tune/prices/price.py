@@ -15,6 +15,8 @@ Source: Taylor's formula with J(0) = 0.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from fopi_tune.core.controller import FoPi
 from fopi_tune.prices.limit import MovableLimit, movable_limits
 from fopi_tune.prices.prober import Probe, Prober, is_maximised, is_no_worse
@@ -44,6 +46,8 @@ def price_of(spec: DesignSpec, gains: FoPi, number: int, multiplier: float | Non
     if multiplier is None:
         return None
     found: list[Price] = []
+    # to first order the best times of filters stay where they are
+    spec = replace(spec, controller=spec.controller.with_times_of(gains))
     for movable in movable_limits(spec):
         if movable.index + 1 != number:
             continue

@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from fopi_tune.core.controller import ORDER_NAME, ControllerSpec, FoPi, numbers_of
+from fopi_tune.core.controller import ORDER_NAME, FoPi, numbers_of
+from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
 from fopi_tune.results.stamp import Stamp

@@ -40,6 +40,7 @@ class Candidate:
         gap: no gains of the box beat the objective by more than this part (of peaks, spreads and depths below 0.1 neper
             or radian: of that), by branch and bound in floating point; None where that was not shown.
         scenario_multipliers: of each requirement on a scenario, as `multipliers`.
+        objective: in its public unit, as the search sees it; without one the smallest slack; None where not known.
     """
 
     status: Status
@@ -52,6 +53,7 @@ class Candidate:
     cuts: int = 0
     gap: float | None = None
     scenario_multipliers: tuple[float | None, ...] = ()
+    objective: float | None = None
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, DERIVATIVE_NAMES, IMPROPER, MU_MAX, ORDER_NAME
+from fopi_tune.core.terms.filter_times import FilterTimes, middle_of
 from fopi_tune.core.terms.measurement_filter import FILTER_ORDERS, MeasurementFilter
 from fopi_tune.spec.model import ControllerSpec, GainRange
 from fopi_tune.spec.yaml.advice import Advised, range_advice
@@ -90,7 +91,7 @@ def controller_shape() -> Shape:
             _gain_shape("order of the derivative of fopid, at most 1", partial(Number, above=0.0), _MU), required=False
         ),
         "derivative_filter_time_constant_s": Key(
-            Number("Tf of the derivative kd s^mu/(Tf s + 1) of pid and fopid, s", above=0.0), required=False
+            _time_shape("Tf of the derivative kd s^mu/(Tf s + 1) of pid and fopid, s"), required=False
         ),
         "setpoint_weight": Key(
             Advised(Number("b of the proportional part kp (b r - y), as it runs on samples"), _weight_advice), False, 1
@@ -126,22 +127,33 @@ def _derivative_rules() -> list[JsonSchema]:
 def _filter_shape() -> Shape:
     keys = {
         "order": Key(Number("order of the filter", at_least=FILTER_ORDERS[0], at_most=FILTER_ORDERS[-1], whole=True)),
-        "time_constant_s": Key(Advised(Number("T, s", above=0.0), _filter_time_advice)),
+        "time_constant_s": Key(_time_shape("T, s")),
     }
 
-    def build(values: Values, place: Place) -> MeasurementFilter:
-        return MeasurementFilter(values["order"], values["time_constant_s"])
+    def build(values: Values, place: Place) -> tuple[MeasurementFilter, tuple[float, float] | None]:
+        time, side = values["time_constant_s"]
+        return MeasurementFilter(values["order"], time), side
 
     return Record(_FILTER_MEANING, keys, build, "{order: 1, time_constant_s: 0.1}")
 
 
-def _filter_time_advice(place: Place) -> str | None:
-    if isinstance(place.node, ScalarNode):
+def _time_shape(meaning: str) -> Shape:
+    """A time constant, or the range in which one is designed; reads to the time, or the range's middle, and range."""
+    keys = {
+        "min": Key(Number(f"smallest {meaning}", above=0.0)),
+        "max": Key(Number(f"largest {meaning}", above=0.0)),
+    }
+    mapping = Record(f"range of {meaning}: the best time is found", keys, _build_time, "{min: 0.01, max: 0.5}")
+    fixed = Converted(Number(meaning, above=0.0), lambda time: (time, None))
+    return Advised(PlainOrMapping(fixed, mapping), range_advice(nominal=False))
+
+
+def _build_time(values: Values, place: Place) -> tuple[float, tuple[float, float] | None] | None:
+    low, high = values["min"], values["max"]
+    if low > high:
+        place.child("min").refuse(f"min {low} is greater than max {high}; swap them")
         return None
-    return (
-        f"{kind_of(place.node)} is no time constant: that of a measurement filter is not designed in this version; "
-        "write one number, and compare several in a study that sets controller.measurement_filter.time_constant_s"
-    )
+    return (low, None) if low == high else (middle_of((low, high)), (low, high))
 
 
 def _weight_advice(place: Place) -> str | None:
@@ -154,8 +166,14 @@ def _build_controller(values: Values, place: Place) -> ControllerSpec | None:
     found = _build_box(values, place)
     if found is None:
         return None
-    weight, filtered = values.get("setpoint_weight", 1.0), values.get("measurement_filter")
-    return replace(found, setpoint_weight=weight, measurement_filter=filtered)
+    weight = values.get("setpoint_weight", 1.0)
+    filtered, measurement_s = values.get("measurement_filter", (None, None))
+    _, derivative_s = values.get(DERIVATIVE_NAMES[1], (0.0, None))
+    times = FilterTimes(derivative_s, measurement_s) if derivative_s or measurement_s else None
+    if times is not None and found.fixed is not None:
+        place.refuse("every gain is fixed, so that nothing is designed; write the filter's time as a number too")
+        return None
+    return replace(found, setpoint_weight=weight, measurement_filter=filtered, filter_times=times)
 
 
 def _build_box(values: Values, place: Place) -> ControllerSpec | None:
@@ -167,9 +185,8 @@ def _build_box(values: Values, place: Place) -> ControllerSpec | None:
             f"{'fopid' if structure == 'pid' else 'fopi'}"
         )
         return None
-    kp, ki, kd, filter_s = (
-        values.get("kp", _FREE), values.get("ki", _FREE), values.get("kd", _FREE), values.get(DERIVATIVE_NAMES[1])
-    )  # fmt: skip
+    kp, ki, kd = (values.get(name, _FREE) for name in ("kp", "ki", "kd"))
+    filter_s, _ = values.get(DERIVATIVE_NAMES[1], (None, None))
     if ORDER_NAME in values and structure != "fopid":
         place.child(ORDER_NAME).refuse("only structure: fopid has an order mu; write structure: fopid, or remove it")
         return None

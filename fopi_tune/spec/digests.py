@@ -101,6 +101,7 @@ def _plain(value: Any) -> Any:
             absent = ["setpoint_weight"] if value.has_derivative else ["setpoint_weight", *DERIVATIVE_NAMES]
             absent += [] if value.has_derivative_order else [ORDER_NAME]
             absent += [] if value.measurement_filter is not None else ["measurement_filter"]
+            absent += [] if value.filter_times is not None else ["filter_times"]
             names = [name for name in names if name not in absent]
         if isinstance(value, PlantMember):
             names.remove("weight")

@@ -12,7 +12,7 @@ from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
 from fopi_tune.spec.lists.parameters import PARAMETERS, shared_parameters_shape, with_shared_parameters
 from fopi_tune.spec.lists.plants import plants_shape, refuse_both_words, refuse_for_lists
-from fopi_tune.spec.model import DesignSpec, GainRange, Sense
+from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange, Sense
 from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.requirements import (
     PlacedRequirement,
@@ -157,6 +157,7 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
     digital, controller = values.get("digital"), values.get("controller")
     if digital is not None and digital.designs_sampled:
         refuse_bands_above_nyquist(placed, math.pi / digital.sample_time_s)
+        _refuse_times_below_half_a_sample(controller, digital.sample_time_s, place)
     objective = values.get("objective")
     if objective is None or controller is None or objective.sense is not Sense.MAXIMIZE:
         return
@@ -165,6 +166,20 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         line = place.child("controller").child(objective.quantity).mark.line
         message = f"{objective.quantity} is fixed on line {line}; give it a range there or choose another objective"
         place.child("objective").child("maximize").refuse(message)
+
+
+def _refuse_times_below_half_a_sample(controller: ControllerSpec | None, sample_time_s: float, place: Place) -> None:
+    """Ranges of filters' times in which some have no filter on samples."""
+    times = None if controller is None else controller.filter_times
+    for name, (low, _) in ({} if times is None else times.ranges).items():
+        if low < 0.5 * sample_time_s:
+            where = place.child("controller")
+            for key in name.split("."):
+                where = where.child(key)
+            where.child("min").refuse(
+                f"{low:g} s is below half the sample time, and such a filter rings on samples; write "
+                f"{0.5 * sample_time_s:g} or more, or a shorter sample_time_s"
+            )
 
 
 def _refuse_for_designed_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:

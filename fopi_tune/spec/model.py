@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from fopi_tune.core.controller import ControllerSpec as ControllerSpec
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.controller import GainRange as GainRange
 from fopi_tune.core.distributions import Distribution
 from fopi_tune.core.parameter_table import SamplesFile
 from fopi_tune.core.plant import JointFamily, PlantFamily
+from fopi_tune.core.terms.controller_spec import ControllerSpec as ControllerSpec
+from fopi_tune.core.terms.controller_spec import GainRange as GainRange
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.requirement import Relation as Relation
 from fopi_tune.quantities.requirement import Requirement as Requirement

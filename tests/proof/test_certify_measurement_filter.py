@@ -14,11 +14,12 @@ from cases.plants import spec_of
 from cases.random_pids import pid_for, plants_of, sized, uncertain
 from oracles.pid_loops import PidFamily
 
-from fopi_tune.core.controller import FoPi, FoPid, GainRange, Pid
+from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.core.sampled_loops import SampledLoops
+from fopi_tune.core.terms.controller_spec import GainRange
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital import sections_of
 from fopi_tune.errors import CertificateError

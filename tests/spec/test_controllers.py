@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 import fopi_tune as ft
-from fopi_tune.core.controller import FoPid, GainRange
+from fopi_tune.core.controller import FoPid
+from fopi_tune.core.terms.controller_spec import GainRange
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.results.to_control import to_control
 from fopi_tune.simulation.fractional.poles import principal_poles

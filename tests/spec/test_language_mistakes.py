@@ -557,10 +557,8 @@ IMPROPER = (
             "5:62: controller.measurement_filter.time_constant_s: 0 is out of range; it must be greater than 0.0",
         ),
         (
-            "{measurement_filter: {order: 2, time_constant_s: {min: 0.1, max: 1}}}",
-            "5:62: controller.measurement_filter.time_constant_s: a mapping is no time constant: that of a "
-            "measurement filter is not designed in this version; write one number, and compare several in a study "
-            "that sets controller.measurement_filter.time_constant_s",
+            "{measurement_filter: {order: 2, time_constant_s: {min: 2, max: 1}}}",
+            "5:68: controller.measurement_filter.time_constant_s.min: min 2.0 is greater than max 1.0; swap them",
         ),
         (
             "{filter_time_constant_s: 0.1}",

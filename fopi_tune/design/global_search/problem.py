@@ -107,6 +107,7 @@ class Problem:
         cls, spec: DesignSpec, violations: Sequence[Violation] = (), crossover_rad_s: float | None = None
     ) -> Problem:
         """Scale the spec; its grids hold the plants and frequencies of violations that a check found."""
+        spec.controller.refuse_filter_times("a search of gains alone")
         scale = scale_of(spec, crossover_rad_s)
         objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
         given = spec.objective.horizon_s if spec.objective else None

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import ControllerSpec
+from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.design.global_search.compiled import Box, Sampling, Table, compiled, entry
 from fopi_tune.design.global_search.controllers import order_of
 

@@ -86,6 +86,8 @@ def design_text(design: Design) -> Text:
     lines += optimum_lines(design.optimum, design.gap)
     if design.status is Status.SOLVED and design.spec.controller.has_derivative_order:
         lines += entry("optimum", "not bounded: there is no bound for structure: fopid in this version")
+    elif design.status is Status.SOLVED and design.spec.controller.filter_times is not None:
+        lines += entry("optimum", "not bounded: there is no bound where a filter's time has a range in this version")
     return to_text(lines)
 
 

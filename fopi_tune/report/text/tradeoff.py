@@ -9,7 +9,8 @@ from xml.sax.saxutils import escape
 
 from rich.text import Text
 
-from fopi_tune.core.controller import ControllerSpec, numbers_of
+from fopi_tune.core.controller import numbers_of
+from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.prices.result import PointStatus
 from fopi_tune.report.text.formatting import (
     BAD,

@@ -13,21 +13,13 @@ from cases.thinned import thinned
 from oracles.dense_margins import UncertainError
 from oracles.fopid_loops import FopidLoop, OfAnyOrder, controller, poles_by_sector
 
-from fopi_tune.core.controller import (
-    ControllerSpec,
-    FoPi,
-    FoPid,
-    GainRange,
-    Pid,
-    controller_of,
-    derivative_of,
-    numbers_of,
-)
+from fopi_tune.core.controller import FoPi, FoPid, Pid, controller_of, derivative_of, numbers_of
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable, steady_state_errors, unstable_closed_loop_poles
+from fopi_tune.core.terms.controller_spec import ControllerSpec, GainRange
 from fopi_tune.errors import DomainError
 
 RESPONSES = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear
 
-from fopi_tune.core.controller import ControllerSpec, FoPi, FoPid, GainRange, Pid, controller_of, numbers_of
+from fopi_tune.core.controller import FoPi, FoPid, Pid, controller_of, numbers_of
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins
 from fopi_tune.core.parallel_form import Implementation, Sections
@@ -18,6 +18,7 @@ from fopi_tune.core.peaks import Response, extremes, log_response_at
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import is_stable
+from fopi_tune.core.terms.controller_spec import ControllerSpec, GainRange
 from fopi_tune.core.terms.measurement_filter import FILTER_NAMES, MeasurementFilter, filter_of
 from fopi_tune.errors import DomainError
 
