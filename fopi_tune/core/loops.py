@@ -44,12 +44,12 @@ class Plants:
     @classmethod
     def of(cls, plant: Plant) -> Plants:
         """One plant as a batch of one row."""
-        return cls(np.array([plant.numerator]), np.array([plant.denominator]), np.array([plant.dead_time_s]))
+        return plant.batch(cls)
 
     @classmethod
     def members(cls, family: PlantFamily, points: Array) -> Plants:
         """The members of a family at these points of its box, shape (m, p)."""
-        return cls(*family.coefficients(points))
+        return family.batch(points, cls)
 
     def take(self, rows: Rows) -> Plants:
         """Select rows, with repetition."""
@@ -72,6 +72,28 @@ class Plants:
     def unstable_poles(self) -> NDArrayInt:
         """Number of poles in the open right half-plane, shape (m,)."""
         return (np.isfinite(self.poles) & (_nudged(self.poles).real > 0)).sum(axis=1)
+
+    @property
+    def axis_poles(self) -> Complex:
+        """The poles on the imaginary axis, shape (m, b - 1); inf in place of the others."""
+        on_axis = np.isfinite(self.poles) & (np.abs(self.poles.real) <= _AXIS_TOLERANCE * np.abs(self.poles.imag))
+        return np.where(on_axis, self.poles, np.inf)
+
+    @property
+    def corner_roots(self) -> Complex:
+        """Where ln|P| bends, by absolute values, with the damping of resonances: all zeros and poles, but for 0."""
+        roots = np.concatenate([self.zeros.ravel(), self.poles.ravel()])
+        return roots[np.isfinite(roots) & (roots != 0.0)]
+
+    @property
+    def vanishes_at_zero(self) -> NDArray[np.bool_]:
+        """Whether N(0) = 0, shape (m,)."""
+        return np.asarray(self.numerator[:, -1] == 0.0)
+
+    @property
+    def polynomials(self) -> tuple[Array, Array]:
+        """N and D for compiled functions, which compute L from them where that is finite."""
+        return self.numerator, self.denominator
 
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:
@@ -183,7 +205,7 @@ class Loops:
     @cached_property
     def integral_is_cancelled(self) -> NDArray[np.bool_]:
         """Whether the controller's integral meets a zero of the plant at s = 0, shape (m,)."""
-        return np.asarray((self.ki != 0.0) & (self.plants.numerator[:, -1] == 0.0))
+        return np.asarray((self.ki != 0.0) & self.plants.vanishes_at_zero)
 
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:
@@ -200,7 +222,7 @@ class Loops:
         # without ki the numerator and the denominator of C share the root 0
         reduced = np.column_stack([np.zeros(len(self)), top[:, :2]])
         zeros = polynomial_roots(np.where((self.ki == 0.0)[:, None], reduced, top))
-        return hidden | _share_a_root_on_the_axis(zeros, self.plants.poles)
+        return hidden | _share_a_root_on_the_axis(zeros, self.plants.axis_poles)
 
     @property
     def _is_rational(self) -> bool:
@@ -211,8 +233,8 @@ class Loops:
     def _controller_vanishes_at_a_pole(self) -> NDArray[np.bool_]:
         """Whether C is 0, but for rounding, at a pole of the plant on the imaginary axis, shape (m,)."""
         assert self.derivatives is not None
-        poles = self.plants.poles
-        on_axis = np.isfinite(poles) & (np.abs(poles.real) <= _AXIS_TOLERANCE * np.abs(poles.imag))
+        poles = self.plants.axis_poles
+        on_axis = np.isfinite(poles)
         row, column = np.nonzero(on_axis & (poles.imag > 0.0))
         omega = poles.imag[row, column]
         parts = self.kp[row], self.ki[row] * omega ** -self.alpha[row], self.derivatives.response(row, omega)
@@ -330,7 +352,8 @@ class Loops:
     def _polynomials(self) -> tuple[Array, Array]:
         """Of P F, whose zeros and poles all are on the left or are the plant's."""
         top, bottom = self._filter_polynomials
-        sides = (self.plants.numerator, top), (self.plants.denominator, bottom)
+        plant_top, plant_bottom = self.plants.polynomials
+        sides = (plant_top, top), (plant_bottom, bottom)
         numerator, denominator = (np.ascontiguousarray(times(rows, factor), dtype=float) for rows, factor in sides)
         return numerator, denominator
 
