@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from oracles.dense_families import Family
 from oracles.dense_margins import NEAR, Continuous, UncertainError
 from oracles.fopid_loops import NEAR_EDGE, controller
+from oracles.pid_loops import PidFamily, PidLoop
 
 from fopi_tune.core.controller import FoPi, FoPid, derivative_of
 from fopi_tune.core.plant import Plant
@@ -204,10 +204,37 @@ def poles_by_sector(loop: Fractional, q: int) -> int | None:
 
 
 @dataclass(frozen=True)
-class FractionalMembers(Family):
-    """The members of a fractional family with one controller; the family's coefficients are read by their names."""
+class FractionalLoop(PidLoop):
+    """One loop with a fractional plant."""
 
-    def loop(self, point: Array) -> Fractional:
+    top: Side
+    bottom: Side
+
+    @cached_property
+    def joined(self) -> Continuous:
+        return Fractional.of(self.pid, self.top, self.bottom, self.plant.dead_time_s)
+
+    def controller(self, omega: Array) -> Complex:
+        return controller(self.pid, omega)
+
+    def log_response(self, quantity: str, omega: Array) -> Array:
+        """As of a PID; |L| may be so large that its square is beyond the range of floating-point numbers."""
+        gain, c = self.joined.gain(omega), np.log(np.abs(self.controller(omega)))
+        log_l, log_s = np.log(np.abs(gain)), -np.log(np.abs(1.0 + gain))
+        return {
+            "sensitivity_db": log_s,
+            "complementary_sensitivity_db": log_l + log_s,
+            "control_sensitivity_db": c + log_s,
+            "loop_gain_db": log_l,
+            "load_sensitivity_db": log_l - c + log_s,
+        }[quantity]
+
+
+@dataclass(frozen=True)
+class FractionalMembers(PidFamily):
+    """The members of a fractional family with one controller; the coefficients are read by their names."""
+
+    def loop(self, point: Array) -> PidLoop:
         plants: Any = self.plants
         found = {name: n.nominal for name, n in plants.parameters.items()}
         found |= dict(zip(plants.uncertain_names, point, strict=True))
@@ -215,4 +242,4 @@ class FractionalMembers(Family):
             tuple((float(found[f"{name}[{k}].coefficient"]), order) for k, order in enumerate(orders))
             for name, orders in (("numerator", plants.numerator_orders), ("denominator", plants.denominator_orders))
         )
-        return Fractional.of(self.gains, top, bottom, float(found["dead_time_s"]))
+        return FractionalLoop(Plant((1.0,), (1.0,), float(found["dead_time_s"])), self.pid, top, bottom)

@@ -23,6 +23,8 @@ from fopi_tune.errors import DomainError
 
 #: what stands for the model
 FRACTIONAL = "fractional"
+#: why a loop on samples is not known
+ON_SAMPLES = "behind a hold it remembers all of its past, and no recursion of finite length is equal to it"
 _DEAD_TIME = "dead_time_s"
 
 
@@ -174,3 +176,18 @@ def fractional_part(family: PlantFamily) -> FractionalFamily | None:
 def is_fractional(family: PlantFamily) -> bool:
     """Whether the plants have an order that is not whole."""
     return fractional_part(family) is not None
+
+
+def refuse_fractional_family(family: PlantFamily, what: str, why: str) -> None:
+    """Refuse a computation that does not know fractional plants.
+
+    Args:
+        family: the plants.
+        what: the computation.
+        why: it does not.
+
+    Raises:
+        DomainError: an order of a plant is not whole.
+    """
+    if is_fractional(family):
+        refuse_fractional(what, why)

@@ -23,9 +23,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.batches.plants import Plants
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, joined_sums
 from fopi_tune.core.fractional_plants.orders import MOST_TERMS, Orders, not_for_fractional
-from fopi_tune.core.loops import Plants
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
 
@@ -121,9 +121,43 @@ class FractionalPlants(Plants):
         return _axis_roots(self.orders.denominator, self.bottom)
 
     @property
-    def vanishes_at_zero(self) -> NDArray[np.bool_]:
-        """Whether N(0) = 0, shape (m,)."""
-        return np.asarray(self._sums[0][1] > 0.0)
+    def slowest_s(self) -> float:
+        """The slowest time constant of any plant, 1/omega, omega where neighbouring terms are equal; 0 without, s."""
+        bends = [_bends(self.orders.denominator, self.bottom), _bends(self.orders.numerator, self.top)]
+        return next((1.0 / float(np.abs(found).min()) for found in bends if len(found)), 0.0)
+
+    @property
+    def has_falling_phase(self) -> bool:
+        """Whether the phase is known to fall all the way: N is a number, D has two terms of one sign, one of order 0.
+
+        With D = a s^alpha + b its phase is that of 1 + w along a ray, which turns one way.
+        """
+        return self._has_one_bend and self.orders.denominator[0] < 2.0
+
+    @property
+    def has_falling_gain(self) -> bool:
+        """Whether |P| is known to fall all the way: as above, with an order of at most 1."""
+        # |1 + w|^2 = 1 + 2 cos(alpha pi/2) |w| + |w|^2
+        return self._has_one_bend and self.orders.denominator[0] <= 1.0
+
+    @property
+    def _has_one_bend(self) -> bool:
+        orders = self.orders
+        if orders.numerator != (0.0,) or len(orders.denominator) != 2 or orders.denominator[1] != 0.0:
+            return False
+        return bool(np.all(self.bottom[:, 0] * self.bottom[:, 1] > 0.0))
+
+    def at_real(self, s: float) -> tuple[Array, Array]:
+        """N and D at a real s > 0, shape (m,) each."""
+        powers = [s ** np.array(side) for side in (self.orders.numerator, self.orders.denominator)]
+        return self.top @ powers[0], self.bottom @ powers[1]
+
+    @property
+    def ends_at_zero(self) -> tuple[Array, Array]:
+        """N(0) and D(0), shape (m,) each."""
+        sides = (self.top, self.orders.numerator), (self.bottom, self.orders.denominator)
+        top, bottom = (table[:, -1] * (orders[-1] == 0.0) for table, orders in sides)
+        return top, bottom
 
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:

@@ -224,8 +224,7 @@ def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_bey
     """Frequencies in rad/s: dense around the plants' corners, fine at resonances and where a dead time turns."""
     family, scale, samples = scaled.family, scaled.scale, scaled.samples
     plants = Plants.members(family, vertices(family))
-    roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
-    roots = roots[np.isfinite(roots) & (roots != 0)]
+    roots = plants.corner_roots
     low, high = float(scale.omega_grid[0]), float(scale.omega_grid[-1])
     delays = plants.dead_time_s[plants.dead_time_s > 0]
     filters = [1.0 / scale.filter_s] if scale.filter_s else []

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from fopi_tune.core.fractional_plants.family import is_fractional
+from fopi_tune.core.fractional_plants.family import ON_SAMPLES, is_fractional
 from fopi_tune.core.fractional_plants.orders import not_for_fractional
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Values
-
-#: why a loop on samples is not known
-ON_SAMPLES = "behind a hold it remembers all of its past, and no recursion of finite length is equal to it"
 
 
 def refuse_for_fractional(values: Values, place: Place) -> None:
