@@ -25,7 +25,9 @@ def test_terms_come_by_falling_order_and_keep_the_names_that_they_are_written_wi
     assert family.orders == Orders((0.0,), (0.7, 0.0))
     plant = family.member(np.array([1.5, 5.5]))
     assert isinstance(plant, FractionalPlant)
-    assert (plant.numerator, plant.denominator, plant.orders) == ((1.5,), (5.5, 1.0), family.orders)
+    assert (plant.top, plant.bottom, plant.orders) == ((1.5,), (5.5, 1.0), family.orders)
+    assert plant == family.member(np.array([1.5, 5.5]))
+    assert plant != family.member(np.array([1.6, 5.5]))
     assert family.problem("denominator[1].coefficient", BETWEEN(-1.0, 1.0)) is not None
     assert family.problem("denominator[0].coefficient", BETWEEN(-1.0, 1.0)) is None
 
@@ -74,6 +76,6 @@ def test_a_plant_without_a_numerator_or_without_orders_is_refused() -> None:
     with pytest.raises(DomainError, match="numerator"):
         FractionalPlant((0.0,), (1.0, 1.0), 0.0, Orders((0.0,), (0.5, 0.0)))
     with pytest.raises(DomainError, match="order"):
-        FractionalPlant((1.0,), (1.0, 1.0), 0.0)
+        FractionalPlant((1.0,), (1.0, 1.0), 0.0, Orders((0.0,), (0.5,)))
     with pytest.raises(DomainError, match="negative"):
         FractionalPlant((1.0,), (1.0, 1.0), -1.0, Orders((0.0,), (0.5, 0.0)))

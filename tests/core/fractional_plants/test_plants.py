@@ -127,6 +127,8 @@ def test_nothing_takes_the_coefficients_for_those_of_polynomials() -> None:
         lambda: plants.poles,
         lambda: family.coefficients(NOMINAL),
         lambda: family.assemble({}),
+        lambda: family.member(family.nominal_point).numerator,
+        lambda: family.member(family.nominal_point).denominator,
     ):
         with pytest.raises(DomainError, match="fractional plant is not available"):
             ask()
