@@ -246,6 +246,9 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
     except SpecError as error:
         where.refuse(f"the spec cannot be used: {error.problems[0]}")
         return None
+    if is_fractional(spec.plant):
+        where.refuse("a mode's plant is of first order in this version, not a fractional one")
+        return None
     if spec.digital is None:
         where.refuse("the spec has no section digital, which says how its controller runs; add one to it")
         return None
@@ -263,9 +266,6 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
         return None
     if isinstance(spec.plant, PlantList):
         where.refuse("a mode's spec has one plant in this version; write plant: in place of plants:")
-        return None
-    if is_fractional(spec.plant):
-        where.refuse("a mode's plant is of first order in this version, not a fractional one")
         return None
     numerator, denominator, dead_time = spec.plant.assemble({})
     if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:

@@ -75,6 +75,11 @@ class Plants:
         return roots[np.isfinite(roots) & (roots != 0.0)]
 
     @property
+    def pole_sizes_rad_s(self) -> Array:
+        """|p| over all poles, inf in place of those that leading zero coefficients remove."""
+        return np.abs(self.poles).ravel()
+
+    @property
     def slowest_s(self) -> float:
         """The slowest time constant of any plant, 1/|p| over its poles other than 0, else its zeros; 0 without, s."""
         corners = [np.abs(roots[np.isfinite(roots) & (roots != 0)]) for roots in (self.poles, self.zeros)]

@@ -119,6 +119,11 @@ class FractionalPlants(Plants):
         return axis_roots(self.orders.denominator, self.bottom)
 
     @property
+    def pole_sizes_rad_s(self) -> Array:
+        """Where neighbouring terms of a denominator are equal, which is about the size of a pole."""
+        return np.asarray(np.abs(bends(self.orders.denominator, self.bottom)), dtype=float)
+
+    @property
     def slowest_s(self) -> float:
         """The slowest time constant of any plant, 1/omega, omega where neighbouring terms are equal; 0 without, s."""
         found = [bends(self.orders.denominator, self.bottom), bends(self.orders.numerator, self.top)]
