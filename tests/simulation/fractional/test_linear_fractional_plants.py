@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import mpmath as mp
 import numpy as np
@@ -26,14 +27,19 @@ TIMES = np.array([0.3, 1.1, 4.2])
 NOMINAL = np.zeros(0)
 
 
+def real(value: Any) -> float:
+    """A number of mpmath."""
+    return float(value)
+
+
 def inverted(sides: tuple[Side, Side], gains: FoPi, late: float, signal: Signal, time: float) -> float:
     """The response by mpmath; with a dead time the terms (-L0)^k e^{-k L s} one by one, each free of delay."""
 
-    def parts(s: mp.mpf) -> tuple[mp.mpf, mp.mpf]:
+    def parts(s: Any) -> tuple[Any, Any]:
         n, d = (sum(c * s ** mp.mpf(e) for c, e in side) for side in sides)
         return gains.kp + gains.ki * s ** -mp.mpf(gains.alpha), n / d
 
-    def first(s: mp.mpf) -> mp.mpf:
+    def first(s: Any) -> Any:
         c, p = parts(s)
         return {
             Signal.OUTPUT_AFTER_REFERENCE: c * p,
@@ -41,16 +47,16 @@ def inverted(sides: tuple[Side, Side], gains: FoPi, late: float, signal: Signal,
             Signal.OUTPUT_AFTER_LOAD: p,
         }[signal]
 
-    def at(transform: Callable[[mp.mpf], mp.mpf], time: float) -> mp.mpf:
+    def at(transform: Callable[[Any], Any], time: float) -> Any:
         return mp.invertlaplace(transform, time, method="talbot", degree=60)
 
     with mp.workdps(40):
         if not late:
-            return float(at(lambda s: first(s) / (1 + mp.fprod(parts(s))) / s, time))
+            return real(at(lambda s: first(s) / (1 + mp.fprod(parts(s))) / s, time))
         start = 0 if signal is Signal.CONTROL_AFTER_REFERENCE else 1
         since = [(k, time - (k + start) * late) for k in range(math.floor(time / late) + 1 - start)]
         terms = (at(lambda s, k=k: first(s) * (-mp.fprod(parts(s))) ** k / s, left) for k, left in since)
-        return float(mp.fsum(terms))
+        return real(mp.fsum(terms))
 
 
 def stable_loop(seed: int, late: float) -> tuple[tuple[Side, Side], FoPi]:
