@@ -185,14 +185,6 @@ class FractionalPlants(Plants):
                 self.orders.denominator, self.bottom[rows], omega
             )
 
-    def at(self, s: Complex) -> Complex:
-        """The first plant at complex numbers of any shape off the negative real axis, without its dead time."""
-        top, bottom = (
-            sum((c * s**e for c, e in zip(side[0], orders, strict=True)), np.zeros_like(s))
-            for orders, side in ((self.orders.numerator, self.top), (self.orders.denominator, self.bottom))
-        )
-        return np.asarray(top / bottom)
-
     @cached_property
     def log(self) -> BodeForm:
         """ln P.  A pole in the right half-plane contributes -180 deg at omega -> 0, as Nyquist's criterion needs."""

@@ -109,12 +109,18 @@ def test_margins_and_stability_are_those_of_a_dense_curve(seed: int) -> None:
 
 
 def test_the_published_loop_has_its_published_crossover_and_margin() -> None:
-    # no filter: that of a microsecond is none at 0.1 rad/s, but for 1e-7
+    # without a derivative filter, which that of a microsecond is at 0.1 rad/s but for 1e-7
     gains = FoPid(-0.002934, 0.01030, 0.9, 0.05335, 0.5, 1e-6)
     found = margins_of(Loops.of(gains, plants_of(published())))
     assert found.stable
     assert found.crossover_rad_s == pytest.approx(0.09997, abs=5e-6)
     assert found.phase_margin_deg == pytest.approx(60.00, abs=5e-3)
+    assert found.crossover_rad_s is not None
+    s = 1j * found.crossover_rad_s
+    unfiltered = gains.kp + gains.ki * s**-0.9 + gains.kd * s**0.5
+    gain = unfiltered * 66.16 * np.exp(-1.93 * s) / (12.72 * s**0.5 + 1.0)
+    assert abs(gain) == pytest.approx(1.0, abs=1e-6)
+    assert 180.0 + math.degrees(np.angle(gain)) == pytest.approx(found.phase_margin_deg, abs=1e-4)
 
 
 def test_nothing_takes_the_coefficients_for_those_of_polynomials() -> None:
