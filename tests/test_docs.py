@@ -30,7 +30,7 @@ CODE = {name: blocks_of(path.read_text(encoding="utf-8")) for name, path in PAGE
 NEEDS = {"howto/c_on_target": ("gcc", "make")}
 #: pages whose commands take half a minute each, and are run with `-m long`
 LONG_PAGES = ["paper", "tutorial", "api"]
-LONG_PAGES += [f"howto/{name}" for name in ("comfort", "what_a_limit", "own_plant", "two_loops")]
+LONG_PAGES += [f"howto/{name}" for name in ("comfort", "what_a_limit", "own_plant", "two_loops", "fractional_plant")]
 LONG_PAGES += [f"howto/{name}" for name in ("c_on_target", "derivative", "reports", "dask", "batch", "evidence")]
 
 

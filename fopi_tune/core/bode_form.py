@@ -8,8 +8,8 @@ Each factor k has a sign (+1 in the numerator, -1 in the denominator), an expone
 psi_k. A root r of a polynomial has nu = 1, u_k = ln|r| and psi = arg(-j/r); kp + ki s^-alpha has nu = alpha, u_k =
 ln|ki/kp|/alpha and psi = alpha pi/2.  As omega grows, w = e^{nu (u - u_k)} e^{j psi} runs along a ray from 0, so the
 principal value of ln(1 + w) is continuous: the imaginary part of (1) is the unwrapped phase from omega -> 0, in closed
-form.  A derivative of another order than 1 beside the integral is no product of such factors: a sum of powers joins
-them (`core/compiled/power_sums.py`), whose branch is known as well.  With
+form.  A derivative of another order than 1 beside the integral and a fractional plant are no products of such factors:
+sums of powers join them (`core/compiled/power_sums.py`), whose branches are known as well.  With
 
     d/du ln(1 + w) = nu w/(1 + w),        d2/du2 ln(1 + w) = nu^2 w/(1 + w)^2,                                     (2)
 
@@ -62,7 +62,7 @@ class BodeForm:
         corner: shape (m, K), u_k; inf for a factor that is absent.
         psi: shape (m, K), rad, angle of a factor's ray, in (-pi, pi).
         delay: shape (m,), s; negative in the inverse of a delayed function.
-        sums: shape (m, 6, 5), a factor that is a sum of powers; shape (0, 6, 5) without.
+        sums: shape (F m, 6, n), F factors that are sums of powers, those of all rows in turn; shape (0, 6, 5) without.
     """
 
     scale: Array
@@ -92,8 +92,7 @@ class BodeForm:
             np.concatenate([self.corner, other.corner], axis=1),
             np.concatenate([self.psi, other.psi], axis=1),
             self.delay + other.delay,
-            # only a controller has one
-            self.sums if len(self.sums) else other.sums,
+            joined_sums(self.sums, other.sums),
         )
 
     def __neg__(self) -> BodeForm:
@@ -107,7 +106,15 @@ class BodeForm:
     def take(self, rows: Rows) -> BodeForm:
         """Select rows."""
         every = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        return BodeForm(**{name: part[rows] if name != "sums" or len(part) else part for name, part in every.items()})
+        none = np.zeros((0, *self.sums.shape[1:]))
+        sums = np.concatenate([none, *(table[rows] for table in self._factors)])
+        return BodeForm(**{name: sums if name == "sums" else part[rows] for name, part in every.items()})
+
+    @property
+    def _factors(self) -> list[Array]:
+        """The tables of each factor that is a sum of powers, shape (m, 6, n)."""
+        m = len(self.scale)
+        return [self.sums[start : start + m] for start in range(0, len(self.sums), max(m, 1))]
 
     def undelayed(self) -> BodeForm:
         """The functions without their dead times: same gain, and a curvature bound of the gain alone."""
@@ -153,7 +160,9 @@ class BodeForm:
             return bound
         from fopi_tune.core.compiled.power_sums import curvature_bounds
 
-        return bound + curvature_bounds(self.sums, contiguous_rows(rows), 0.5 * (low + high), 0.5 * (high - low))
+        for table in self._factors:
+            bound = bound + curvature_bounds(table, contiguous_rows(rows), 0.5 * (low + high), 0.5 * (high - low))
+        return bound
 
     def slope_end(self) -> Array:
         """Shape (m,), d ln|f| / du as omega -> inf."""
@@ -171,14 +180,14 @@ class BodeForm:
 
     @cached_property
     def _end_of_sum(self) -> tuple[Array, Array, Array] | None:
-        """Of the sum of powers as omega -> inf: exponent, ln of the size, phase."""
+        """Of the sums of powers as omega -> inf: exponent, ln of the size, phase."""
         if not len(self.sums):
             return None
         from fopi_tune.core.compiled.power_sums import ends
 
-        sign = self.sums[:, 4, -1]
-        exponent, size, phase = ends(self.sums)
-        return sign * exponent, sign * size, sign * phase
+        found = np.array([[table[:, 4, -1] * part for part in ends(table)] for table in self._factors])
+        exponent, size, phase = np.sum(found, axis=0)
+        return exponent, size, phase
 
     def end(self) -> tuple[Array, Array]:
         """High-frequency asymptote c omega^slope_end: ln|c| and its phase (rad, delay left out), shape (m,) each."""
@@ -207,8 +216,10 @@ class BodeForm:
         if len(self.sums):
             from fopi_tune.core.compiled.power_sums import corners
 
-            first, last = corners(self.sums, 1e-9)
-            low, high, none = np.minimum(low, first), np.maximum(high, last), np.isinf(np.minimum(low, first))
+            for table in self._factors:
+                first, last = corners(table, 1e-9)
+                low, high = np.minimum(low, first), np.maximum(high, last)
+            none = np.isinf(low)
         return np.where(none, -1.0, low), np.where(none, 1.0, high)
 
     @cached_property
@@ -225,6 +236,26 @@ class BodeForm:
         factors = self.nu, self.corner, direction.real, direction.imag, self.sign, self.sign * self.nu, inverse
         whole = np.array([self.scale, self.slope0, self.phase0, self.delay], dtype=float)
         return Terms(whole, np.array(factors), self.sums)
+
+
+def joined_sums(one: Array, other: Array) -> Array:
+    """The sums of powers of two functions, of equal numbers of rows, as those of their product."""
+    if not len(one) or not len(other):
+        return one if len(one) else other
+    width = max(one.shape[2], other.shape[2])
+    return np.concatenate([_widened(one, width), _widened(other, width)])
+
+
+def _widened(tables: Array, width: int) -> Array:
+    """Tables of `power_sums.py` with room for more terms."""
+    more = width - tables.shape[2]
+    if not more:
+        return tables
+    found = np.concatenate([tables, np.zeros((len(tables), tables.shape[1], more))], axis=2)
+    # a term that is not there, a zero that is not there, and the branch beyond the last one
+    found[:, 1, -more:], found[:, 4, -more - 1 :], found[:, 5, -more:] = -np.inf, np.inf, tables[:, 5, -1:]
+    found[:, 4, -1] = tables[:, 4, -1]
+    return found
 
 
 def contiguous_rows(rows: Rows) -> Rows:

@@ -152,7 +152,10 @@ def _phase_crossovers(loops: Loops) -> Crossings:
     last = np.full(len(loops), -np.inf)
     np.maximum.at(last, gain.row, np.log(gain.omega_rad_s))
     last = np.where(np.isfinite(last), last, low)
-    factor_turns = 2.0 * np.pi * (2.0 + loops.log.sign.shape[1])
+    factors = loops.log.sign.shape[1]
+    # one sum of powers is a controller's, which turns no further than its factors; a plant's by half a turn for a term
+    factors += max(len(loops.log.sums) // len(loops) - 1, 0) * loops.log.sums.shape[2]
+    factor_turns = 2.0 * np.pi * (2.0 + factors)
     first_stop, stop = high.copy(), high.copy()
     first_stop[delayed] = np.log(np.exp(last[delayed]) + factor_turns / delay[delayed])
     found = _phase_crossings(loops, delayed, low, first_stop)

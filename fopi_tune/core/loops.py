@@ -12,105 +12,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fopi_tune.core.batches.plants import AXIS_TOLERANCE, Plants, share_a_root_on_the_axis
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, contiguous_rows
 from fopi_tune.core.controller import FoPi, derivative_of
-from fopi_tune.core.plant import Plant, PlantFamily
-from fopi_tune.core.roots import leading_coefficients, polynomial_at, polynomial_roots, times
+from fopi_tune.core.roots import polynomial_roots, times
 from fopi_tune.core.terms.derivatives import Derivatives
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.core.compiled.loops import Direct
-
-#: relative; a root this close to the imaginary axis is treated as one just inside the left half-plane
-_AXIS_TOLERANCE = 1e-9
-
-
-@dataclass(frozen=True)
-class Plants:
-    """m plants with polynomials of equal length.
-
-    Args:
-        numerator: shape (m, a), descending powers of s.
-        denominator: shape (m, b).
-        dead_time_s: shape (m,).
-    """
-
-    numerator: Array
-    denominator: Array
-    dead_time_s: Array
-
-    @classmethod
-    def of(cls, plant: Plant) -> Plants:
-        """One plant as a batch of one row."""
-        return cls(np.array([plant.numerator]), np.array([plant.denominator]), np.array([plant.dead_time_s]))
-
-    @classmethod
-    def members(cls, family: PlantFamily, points: Array) -> Plants:
-        """The members of a family at these points of its box, shape (m, p)."""
-        return cls(*family.coefficients(points))
-
-    def take(self, rows: Rows) -> Plants:
-        """Select rows, with repetition."""
-        return Plants(self.numerator[rows], self.denominator[rows], self.dead_time_s[rows])
-
-    def __len__(self) -> int:
-        return len(self.dead_time_s)
-
-    @cached_property
-    def zeros(self) -> Complex:
-        """Roots of the numerators, shape (m, a - 1)."""
-        return polynomial_roots(self.numerator)
-
-    @cached_property
-    def poles(self) -> Complex:
-        """Roots of the denominators, shape (m, b - 1)."""
-        return polynomial_roots(self.denominator)
-
-    @cached_property
-    def unstable_poles(self) -> NDArrayInt:
-        """Number of poles in the open right half-plane, shape (m,)."""
-        return (np.isfinite(self.poles) & (_nudged(self.poles).real > 0)).sum(axis=1)
-
-    @cached_property
-    def hidden_on_axis(self) -> NDArray[np.bool_]:
-        """Whether N and D share a root on the imaginary axis, shape (m,): a hidden mode that no controller moves."""
-        return _share_a_root_on_the_axis(self.zeros, self.poles)
-
-    def response(self, rows: Rows, omega: Array) -> Complex:
-        """P(j omega) without its dead time; rows and omega of shape (n,)."""
-        s = np.asarray(1j * omega, dtype=complex)
-        # Grids contain the frequencies of undamped poles on purpose: P is infinite there.
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return polynomial_at(self.numerator[rows], s) / polynomial_at(self.denominator[rows], s)
-
-    @cached_property
-    def log(self) -> BodeForm:
-        """ln P.  A pole in the right half-plane contributes -180 deg at omega -> 0, as Nyquist's criterion needs."""
-        zeros, poles = _nudged(self.zeros), _nudged(self.poles)
-        roots = np.concatenate([zeros, poles], axis=1)
-        sign = np.concatenate([np.ones_like(zeros, dtype=float), -np.ones_like(poles, dtype=float)], axis=1)
-        origin = roots == 0.0
-        inner = np.isfinite(roots) & ~origin
-        safe = np.where(inner, roots, 1.0)
-        leading = leading_coefficients(self.numerator) / leading_coefficients(self.denominator)
-        # k prod (s - z)/prod (s - p) = k prod(-z)/prod(-p) s^n prod(1 - s/z)/prod(1 - s/p); -r is positive for r < 0.
-        constant = np.log(np.abs(leading)) + (sign * np.where(inner, np.log(np.abs(safe)), 0.0)).sum(axis=1)
-        slope0 = (sign * origin).sum(axis=1)
-        right_zeros = (inner & (sign > 0) & (roots.real > 0)).sum(axis=1)
-        negative = (leading < 0) ^ (right_zeros % 2 == 1)
-        phase0 = np.asarray(-np.pi * negative - np.pi * self.unstable_poles + 0.5 * np.pi * slope0, dtype=float)
-        return BodeForm(
-            constant,
-            slope0,
-            phase0,
-            sign,
-            np.ones_like(sign),
-            np.where(inner, np.log(np.abs(safe)), np.inf),
-            np.where(inner, np.angle(-1j / safe), 0.0),
-            self.dead_time_s,
-        )
 
 
 @dataclass(frozen=True)
@@ -183,7 +94,7 @@ class Loops:
     @cached_property
     def integral_is_cancelled(self) -> NDArray[np.bool_]:
         """Whether the controller's integral meets a zero of the plant at s = 0, shape (m,)."""
-        return np.asarray((self.ki != 0.0) & (self.plants.numerator[:, -1] == 0.0))
+        return np.asarray((self.ki != 0.0) & self.plants.vanishes_at_zero)
 
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:
@@ -200,7 +111,7 @@ class Loops:
         # without ki the numerator and the denominator of C share the root 0
         reduced = np.column_stack([np.zeros(len(self)), top[:, :2]])
         zeros = polynomial_roots(np.where((self.ki == 0.0)[:, None], reduced, top))
-        return hidden | _share_a_root_on_the_axis(zeros, self.plants.poles)
+        return hidden | share_a_root_on_the_axis(zeros, self.plants.axis_poles)
 
     @property
     def _is_rational(self) -> bool:
@@ -211,14 +122,14 @@ class Loops:
     def _controller_vanishes_at_a_pole(self) -> NDArray[np.bool_]:
         """Whether C is 0, but for rounding, at a pole of the plant on the imaginary axis, shape (m,)."""
         assert self.derivatives is not None
-        poles = self.plants.poles
-        on_axis = np.isfinite(poles) & (np.abs(poles.real) <= _AXIS_TOLERANCE * np.abs(poles.imag))
+        poles = self.plants.axis_poles
+        on_axis = np.isfinite(poles)
         row, column = np.nonzero(on_axis & (poles.imag > 0.0))
         omega = poles.imag[row, column]
         parts = self.kp[row], self.ki[row] * omega ** -self.alpha[row], self.derivatives.response(row, omega)
         size = sum((np.abs(part) for part in parts), np.zeros(len(row)))
         found = np.any(on_axis & (poles == 0.0), axis=1) & (self.kp == 0.0) & (self.ki == 0.0)
-        found[row[np.abs(self._terms_response(row, omega)) <= _AXIS_TOLERANCE * size]] = True
+        found[row[np.abs(self._terms_response(row, omega)) <= AXIS_TOLERANCE * size]] = True
         return found
 
     @cached_property
@@ -330,7 +241,8 @@ class Loops:
     def _polynomials(self) -> tuple[Array, Array]:
         """Of P F, whose zeros and poles all are on the left or are the plant's."""
         top, bottom = self._filter_polynomials
-        sides = (self.plants.numerator, top), (self.plants.denominator, bottom)
+        plant_top, plant_bottom = self.plants.polynomials
+        sides = (plant_top, top), (plant_bottom, bottom)
         numerator, denominator = (np.ascontiguousarray(times(rows, factor), dtype=float) for rows, factor in sides)
         return numerator, denominator
 
@@ -338,22 +250,3 @@ class Loops:
     def _filter_polynomials(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Numerator and denominator of F in the plants' variable, descending powers."""
         return (1.0,), (1.0,) if self.measurement_filter is None else self.measurement_filter.coefficients
-
-
-NDArrayInt = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
-
-
-def _share_a_root_on_the_axis(zeros: Complex, poles: Complex) -> NDArray[np.bool_]:
-    """Whether a zero is a pole on the imaginary axis, shape (m,); roots of shape (m, a) and (m, b)."""
-    pole, zero = poles[:, :, None], zeros[:, None, :]
-    on_axis = np.isfinite(pole) & (np.abs(pole.real) <= _AXIS_TOLERANCE * np.abs(pole.imag))
-    both = on_axis & np.isfinite(zero)
-    pole, zero = np.where(both, pole, 0.0), np.where(both, zero, 0.0)
-    common = both & (np.abs(zero - pole) <= _AXIS_TOLERANCE * np.abs(pole))
-    return np.asarray(common.any(axis=(1, 2)))
-
-
-def _nudged(roots: Complex) -> Complex:
-    """The roots, with those on the imaginary axis (except the origin) moved just inside the left half-plane."""
-    on_axis = np.isfinite(roots) & (roots != 0.0) & (np.abs(roots.real) <= _AXIS_TOLERANCE * np.abs(roots.imag))
-    return np.where(on_axis, -_AXIS_TOLERANCE * np.abs(roots.imag) + 1j * roots.imag, roots)

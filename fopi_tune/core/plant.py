@@ -96,6 +96,10 @@ class Plant:
                 f"dead_time_s = {self.dead_time_s!r} is negative; a plant cannot answer before it is asked"
             )
 
+    def batch(self, kind: Callable[[Array, Array, Array], Any]) -> Any:
+        """The plant as a batch of one row, made by `kind` of arrays of shapes (1, a), (1, b) and (1,)."""
+        return kind(np.array([self.numerator]), np.array([self.denominator]), np.array([self.dead_time_s]))
+
     @classmethod
     def from_control(cls, system: Any, dead_time_s: float = 0.0) -> Plant:
         """The plant of a continuous `control.TransferFunction` or `control.StateSpace` with one input and one output.
@@ -288,6 +292,10 @@ class PlantFamily:
             return found
 
         return table(numerator), table(denominator), table([dead_time])[:, 0]
+
+    def batch(self, points: Array, kind: Callable[[Array, Array, Array], Any]) -> Any:
+        """The members at `points`, shape (m, p), as a batch made by `kind` of what `coefficients` returns."""
+        return kind(*self.coefficients(points))
 
     def member(self, point: Array) -> Plant:
         """The plant at one `point` of the box, shape (p,)."""

@@ -223,8 +223,7 @@ def scale_of(spec: DesignSpec, crossover_rad_s: float | None = None) -> Scale:
     """
     family = spec.plant
     plants = Plants.members(family, family.corners())
-    roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
-    roots = roots[np.isfinite(roots) & (roots != 0)]
+    roots = plants.corner_roots
     own = np.concatenate([np.abs(roots), 1.0 / plants.dead_time_s[plants.dead_time_s > 0]])
     named, box = _named_frequencies(spec), spec.controller
     filter_s = box.derivative_filter_time_constant_s

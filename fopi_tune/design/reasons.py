@@ -81,7 +81,7 @@ def _no_phase_crossover(spec: DesignSpec, constraints: tuple[Constraint, ...]) -
         return None
     plants = Plants.members(family, family.corners())
     log = _log_with_filter(spec, plants)
-    if np.any(plants.unstable_poles > 0) or plants.denominator.shape[1] > 2 or plants.numerator.shape[1] > 1:
+    if np.any(plants.unstable_poles > 0) or not plants.has_falling_phase:
         return None
     # First order: the phase falls monotonically from its low-frequency to its high-frequency asymptote.
     lowest = float(np.minimum(log.phase0, log.end()[1]).min())
@@ -215,9 +215,9 @@ def _closed_form_out_of_range(spec: DesignSpec, constraints: tuple[Constraint, .
 
 def _has_one_crossover(spec: DesignSpec, plants: Plants) -> bool:
     """Whether |L| of these plants falls monotonically, whatever the gains are: |C| does, and no pole is resonant."""
-    box, poles = spec.controller, plants.poles
+    box = spec.controller
     falls = box.kp.min >= 0.0 and box.ki.min >= 0.0 and box.alpha.max <= 1.0
-    return falls and not np.isfinite(plants.zeros).any() and bool(np.all(np.abs(poles.real) >= np.abs(poles.imag)))
+    return falls and plants.has_falling_gain
 
 
 def _in_range(values: Array, bounds: GainRange) -> NDArray[np.bool_]:
@@ -256,7 +256,7 @@ def forbids_integral(constraint: Constraint, floor: float) -> bool:
 
 def low_frequency_control_gain(plants: Plants) -> float:
     """The largest ln(1/|P(0)|), the limit of ln|C S| with ki != 0; -inf if some P(0) is 0 or infinite."""
-    ends = plants.numerator[:, -1], plants.denominator[:, -1]
+    ends = plants.ends_at_zero
     if np.any(ends[0] == 0.0) or np.any(ends[1] == 0.0):
         return -math.inf
     return float(np.log(np.abs(ends[1] / ends[0])).max())

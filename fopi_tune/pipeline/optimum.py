@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.pipeline.prove import other_text, with_digest_of
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.lists.members import refuse_list
@@ -41,6 +42,7 @@ def certify_optimum(
 
     spec = load_spec(source)
     refuse_list(spec, "the proof of the optimum")
+    refuse_fractional_family(spec.plant, "the proof of the optimum", "it bounds polynomials in s")
     spec.controller.refuse_derivative_order("the proof of the optimum")
     return certify_optimum(spec, gains, gap=gap, time_limit_s=time_limit_s, progress=progress)
 

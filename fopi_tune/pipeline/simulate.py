@@ -10,6 +10,7 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.families.plant_list import named_place
+from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import Plant
@@ -132,6 +133,9 @@ def refuse_simulation(
         SpecError, DomainError: as `simulate`.
     """
     spec = load_spec(source)
+    refuse_fractional_family(
+        spec.plant, "a simulation", "its state is all of its past; `fopi run` draws its exact unit steps"
+    )
     refuse_accuracy(accuracy, exact or spec.digital is None)
     point = plant_point(spec.plant, override_validation(spec.validation, samples, seed), plant, replay, member)
     if not spec.scenarios:

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.assemble import assemble_design, new_violations
@@ -79,6 +80,7 @@ def tune(
     asked = load_spec(source)
     if solver is Solver.CONVEX:
         refuse_list(asked, "the convex search")
+        refuse_fractional_family(asked.plant, "the convex search", "it has polynomials in s alone")
     spec = with_default_objective(asked)
     design = _unconfirmed_design(spec, spec, proof, solver, start, bracket)
     design = _without_vanished_terms(spec, design, proof, solver)

@@ -1,6 +1,7 @@
 """The plants of a certificate as JSON:  PlantFamily <-> dictionary.
 
-Of a family by parameters the coefficients are lists of terms, each a rational number and the parameters' powers.
+Of a family by parameters the coefficients are lists of terms, each a rational number and the parameters' powers; of a
+fractional family the orders are said beside them.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ from dataclasses import asdict
 from fractions import Fraction
 from typing import Any
 
+from fopi_tune.core.fractional_plants.family import FRACTIONAL, FractionalFamily
 from fopi_tune.core.parametric.family import EXPRESSIONS, ParametricFamily
 from fopi_tune.core.parametric.polynomials import MOST_DEGREE, ParameterPolynomial
 from fopi_tune.core.parametric.ranges import UndecidedError, box_of, common_zero_inside, zero_inside
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
-from fopi_tune.errors import CertificateError
+from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.strict_json import JsonObject
 
 #: of a numerator or denominator in digits; the spec language allows fewer
@@ -29,6 +31,9 @@ def plant_entry(family: PlantFamily) -> dict[str, Any]:
         "model": family.model,
         "parameters": [{"name": name, **asdict(value)} for name, value in family.parameters.items()],
     }
+    if isinstance(family, FractionalFamily):
+        entry |= {"numerator_orders": list(family.numerator_orders)}
+        entry |= {"denominator_orders": list(family.denominator_orders)}
     if isinstance(family, ParametricFamily):
         sides = {"numerator": family.numerator, "denominator": family.denominator}
         entry |= {name: [{"terms": _terms(each)} for each in side] for name, side in sides.items()}
@@ -50,9 +55,11 @@ def read_family(plant: JsonObject) -> PlantFamily:
     name = plant.text("model")
     if name == EXPRESSIONS:
         return _parametric(plant)
+    if name == FRACTIONAL:
+        return _fractional(plant)
     model = PLANT_MODELS.get(name)
     if model is None:
-        raise CertificateError(f"{plant.place}.model is none of {', '.join((*PLANT_MODELS, EXPRESSIONS))}")
+        raise CertificateError(f"{plant.place}.model is none of {', '.join((*PLANT_MODELS, EXPRESSIONS, FRACTIONAL))}")
     parameters = _parameters(plant)
     for k, (key, number) in enumerate(parameters.items()):
         if (wrong := model.check(key, number)) is not None:
@@ -74,6 +81,19 @@ def _parameters(plant: JsonObject) -> dict[str, Uncertain]:
             raise CertificateError(f"{entry.place}: {name} appears twice")
         found[name] = Uncertain(entry.number("nominal"), entry.number("min"), entry.number("max"))
     return found
+
+
+def _fractional(plant: JsonObject) -> FractionalFamily:
+    orders = [tuple(plant.numbers(f"{name}_orders")) for name in _SIDES]
+    try:
+        family = FractionalFamily(FRACTIONAL, _parameters(plant), *orders)
+    except DomainError as error:
+        raise CertificateError(f"{plant.place} is no fractional family: {error}") from None
+    for k, (key, number) in enumerate(family.parameters.items()):
+        if (wrong := family.problem(key, number)) is not None:
+            raise CertificateError(f"{plant.at('parameters')}[{k}]: {key} {wrong}")
+    family.member(family.nominal_point)
+    return family
 
 
 def _parametric(plant: JsonObject) -> ParametricFamily:
@@ -112,7 +132,13 @@ def same_plants(one: PlantFamily, other: PlantFamily) -> bool:
     """Whether two families are the same, name by name."""
     if one.model != other.model or dict(one.parameters) != dict(other.parameters):
         return False
+    if isinstance(one, FractionalFamily) and isinstance(other, FractionalFamily) and not _same_orders(one, other):
+        return False
     return one.uncertain_names == other.uncertain_names and _sides(one) == _sides(other)
+
+
+def _same_orders(one: FractionalFamily, other: FractionalFamily) -> bool:
+    return (one.numerator_orders, one.denominator_orders) == (other.numerator_orders, other.denominator_orders)
 
 
 def _sides(family: PlantFamily) -> Mapping[str, Sequence[ParameterPolynomial]]:

@@ -44,12 +44,12 @@ def default_horizon_s(family: PlantFamily) -> float:
         int_0^inf e(t) e^{-t/T} dt = T P(s)/(1 + C(s) P(s))   at s = 1/T ,
 
     and the objective is its largest absolute value over the family; with alpha = 1 it tends to 1/ki as T grows.  T is
-    ten times the nominal plant's slowest time constant (1/|p| over its poles other than 0, else its zeros) plus its
-    dead time.  A plant K s^n without any has as its time the one where |P(j/T)| = 1, and a mere static gain 1 s.
+    ten times the nominal plant's slowest time constant (1/|p| over its poles other than 0, else its zeros; of a
+    fractional plant 1/omega, omega where neighbouring terms are equal) plus its dead time.  A plant K s^n without any
+    has as its time the one where |P(j/T)| = 1, and a mere static gain 1 s.
     """
     plants = Plants.of(family.member(family.nominal_point))
-    corners = [np.abs(roots[np.isfinite(roots) & (roots != 0)]) for roots in (plants.poles, plants.zeros)]
-    slowest = next((1.0 / float(found.min()) for found in corners if len(found)), 0.0)
+    slowest = plants.slowest_s
     time_s = slowest + float(plants.dead_time_s[0])
     if time_s == 0.0:
         slope, scale = float(plants.log.slope0[0]), float(plants.log.scale[0])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fopi_tune.core.controller import FoPi, Pid, refuse_derivative_order_in
+from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.core.plant import Plant, PlantFamily
@@ -58,6 +59,7 @@ def to_control(gains: FoPi | None, family: PlantFamily) -> ControlObjects:
     if gains is None:
         raise DomainError("there are no gains to convert; the design has no answer")
     refuse_derivative_order_in(gains, "an object of python-control")
+    refuse_fractional_family(family, "an object of python-control", "it has rational functions of s alone")
     from fopi_tune.core.margins import margins
 
     plant = family.member(family.nominal_point)

@@ -10,6 +10,7 @@ from typing import Any
 from fopi_tune.core.plant import PLANT_MODELS, PlantModel
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
+from fopi_tune.spec.fractional_plants.refusals import refuse_for_fractional
 from fopi_tune.spec.lists.parameters import PARAMETERS, shared_parameters_shape, with_shared_parameters
 from fopi_tune.spec.lists.plants import plants_shape, refuse_both_words, refuse_for_lists
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange, Sense
@@ -98,6 +99,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     _refuse_for_designed_scenarios(values, measured, place)
     if place.has("plants"):
         refuse_for_lists(values, measured, place)
+    refuse_for_fractional(values, place)
     placed_validation: PlacedValidation | None = values.get("validation")
     # what is checked against the plant is refused beside a list of plants
     family = None if place.has("plants") else values.get("plant")

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from fopi_tune.core.fractional_plants.family import FRACTIONAL
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
+from fopi_tune.spec.fractional_plants.record import fractional_record
 from fopi_tune.spec.parametric.models import ZEROS_POLES, parametric_record, zeros_poles_record
 from fopi_tune.spec.yaml.advice import Advised, range_advice
-from fopi_tune.spec.yaml.nodes import Place, SequenceNode
+from fopi_tune.spec.yaml.nodes import Place, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.records import Key, Record, TaggedUnion, Values
 from fopi_tune.spec.yaml.shapes import Constant, Converted, JsonSchema, ListOf, Number, PlainOrMapping, Shape
 
@@ -33,6 +35,8 @@ def plant_shape(listed: Callable[[Record], Record] = lambda record: record) -> S
     """Reads to a `PlantFamily`, or what `listed` makes of each model's record."""
     meaning, number = "the plant; every number of it may be uncertain", uncertain_shape("a number")
     plain = {name: listed(_model_record(model)) for name, model in PLANT_MODELS.items()}
+    coefficient = uncertain_shape("what multiplies the power of s")
+    plain[FRACTIONAL] = listed(fractional_record(uncertain_shape(_MEANINGS[_DEAD_TIME]), coefficient))
     zeros_poles = listed(zeros_poles_record(number, _MEANINGS))
     named = {name: listed(parametric_record(model, number, _MEANINGS)) for name, model in PLANT_MODELS.items()}
     return _Plant(
@@ -54,7 +58,10 @@ class _Plant(Shape):
                 "a list is written where one plant belongs; write plants: in place of plant: for a list of plants"
             )
             return None
-        return (self.named if place.has("parameters") else self.plain).read(place)
+        tag = place.child("model").node if place.has("model") else None
+        # which has no expressions, and says so
+        is_plain = not place.has("parameters") or (isinstance(tag, ScalarNode) and tag.text == FRACTIONAL)
+        return (self.plain if is_plain else self.named).read(place)
 
     def json_schema(self) -> JsonSchema:
         plain, named = self.plain.json_schema(), self.named.json_schema()

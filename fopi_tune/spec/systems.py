@@ -10,6 +10,7 @@ from typing import Any
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.core.families.plant_list import PlantList
+from fopi_tune.core.fractional_plants.family import is_fractional
 from fopi_tune.core.plant import JointFamily, Uncertain
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.quantities import QUANTITIES
@@ -278,6 +279,9 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
         spec = loader(modes_section["spec"])
     except SpecError as error:
         where.refuse(f"the spec cannot be used: {error.problems[0]}")
+        return None
+    if is_fractional(spec.plant):
+        where.refuse("a mode's plant is of first order in this version, not a fractional one")
         return None
     if spec.digital is None:
         where.refuse("the spec has no section digital, which says how its controller runs; add one to it")

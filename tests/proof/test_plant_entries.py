@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from cases.parametric_plants import RANGES, family_of
 from cases.plants import brake
+from cases.random_fractional import published
 
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import CertificateError, DomainError
@@ -24,7 +25,7 @@ def read(entry: Any) -> PlantFamily:
     return read_family(JsonObject(json.loads(json.dumps(entry)), "plant"))
 
 
-@pytest.mark.parametrize("family", [linked(), brake()], ids=["linked", "plain"])
+@pytest.mark.parametrize("family", [linked(), brake(), published()], ids=["linked", "plain", "fractional"])
 def test_a_family_is_read_as_it_was_written(family: PlantFamily) -> None:
     assert same_plants(read(plant_entry(family)), family)
 
@@ -86,3 +87,24 @@ def test_a_leading_coefficient_that_may_vanish_is_refused() -> None:
     )
     with pytest.raises(CertificateError, match="is not one family"):
         read(entry)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("denominator_orders", [0.5]),
+        ("denominator_orders", [0.5, 0.5]),
+        ("denominator_orders", [-0.5, 0.0]),
+        ("denominator_orders", "0.5"),
+        ("numerator_orders", [1.0]),
+        ("parameters", []),
+    ],
+)
+def test_orders_that_are_those_of_no_fractional_family_are_refused(key: str, value: Any) -> None:
+    with pytest.raises(CertificateError):
+        read(plant_entry(published()) | {key: value})
+
+
+def test_families_with_another_order_are_not_the_same() -> None:
+    entry = plant_entry(published())
+    assert not same_plants(read(entry | {"denominator_orders": [0.6, 0.0]}), published())

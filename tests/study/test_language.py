@@ -14,6 +14,7 @@ from cases.project import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fopi_tune.core.fractional_plants.family import FractionalFamily
 from fopi_tune.errors import SpecError
 from fopi_tune.spec import load_document, load_spec, parse_spec
 from fopi_tune.study.load import TooManyCellsError, load_study, study_json_schema
@@ -101,6 +102,18 @@ def test_a_grid_is_crossed_and_its_last_path_changes_fastest(folder: Path) -> No
     specs = [spec_from_text(cell.text) for cell in cells]
     assert [(s.plant.parameters["time_constant_s"].max, s.requirements[0].limits[0]) for s in specs] == wanted
     assert [cell.index for cell in cells] == list(range(6))
+
+
+def test_coefficients_and_orders_of_a_fractional_plant_are_overridden_by_their_paths(folder: Path) -> None:
+    terms = "[{coefficient: 3, order: 0.5}, {coefficient: {min: 1, max: 2}, order: 0}]"
+    plant = f"{{model: fractional, numerator: [{{coefficient: 1, order: 0}}], denominator: {terms}}}"
+    text = f"schema: 1\nname: a\nplant: {plant}\nobjective: {{maximize: ki}}\n"
+    Path("lag.yaml").write_text(text, encoding="utf-8")
+    grid = "{'plant.denominator[1].coefficient.max': [4, 5], 'plant.denominator[0].order': [0.5, 0.7]}"
+    specs = [spec_from_text(cell.text) for cell in study(f"grid: {grid}").cells]
+    families = [spec.plant for spec in specs if isinstance(spec.plant, FractionalFamily)]
+    assert [each.parameters["denominator[1].coefficient"].max for each in families] == [4, 4, 5, 5]
+    assert [each.denominator_orders for each in families] == [(0.5, 0.0), (0.7, 0.0)] * 2
 
 
 def test_ranges_and_expressions_of_named_parameters_are_overridden_by_their_paths(folder: Path) -> None:

@@ -155,9 +155,9 @@ def _finish(terms, r, s, i, of_gain, of_phase):
         s[SLOPE, i], s[TURN, i], s[_BOUND, i], s[_THIRD, i], s[_BEND, i], s[_TWIST, i]
     )  # fmt: skip
     u, h = s[U, i], s[H, i]
-    if len(terms.sums) > 0:
-        sign = terms.sums[r, 4, -1]
-        a, b, q_real, q_imag, x, along, own, across = power_sum_at(terms.sums, r, u, h)
+    for row in range(r, len(terms.sums), terms.whole.shape[1]):
+        sign = terms.sums[row, 4, -1]
+        a, b, q_real, q_imag, x, along, own, across = power_sum_at(terms.sums, row, u, h)
         gain, phase, slope, turn = gain + sign * a, phase + sign * b, slope + sign * q_real, turn + sign * q_imag
         bend, twist, bound, third = bend + sign * x, twist + sign * along, bound + own, third + across
     turning, delay = 0.0, terms.whole[3, r]
@@ -211,9 +211,9 @@ def slope_block(terms, r, u, slopes):
                     s[3, i] += weight * b
         for i in range(count):
             along, across = s[2, i], s[3, i]
-            if len(terms.sums) > 0:
-                found = power_sum_at(terms.sums, r, s[0, i], 0.0)
-                sign = terms.sums[r, 4, -1]
+            for row in range(r, len(terms.sums), terms.whole.shape[1]):
+                found = power_sum_at(terms.sums, row, s[0, i], 0.0)
+                sign = terms.sums[row, 4, -1]
                 along, across = along + sign * found[2], across + sign * found[3]
             if terms.whole[3, r] != 0.0:
                 across -= terms.whole[3, r] * math.exp(s[0, i])

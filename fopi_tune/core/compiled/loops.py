@@ -32,8 +32,8 @@ _U_CAP = 600.0
 class Terms(NamedTuple):
     """m functions in Bode form, as in `BodeForm.terms`.
 
-    Fields: `whole`, shape (4, m), `factors`, shape (7, m, K), and `sums`, shape (m, 6, 5), the factors of
-    `power_sums.py`; (0, 6, 5) where there are none.
+    Fields: `whole`, shape (4, m), `factors`, shape (7, m, K), and `sums`, shape (F m, 6, n), the F factors of
+    `power_sums.py` of all rows in turn; (0, 6, 5) where there are none.
     """
 
     whole: Any
@@ -207,9 +207,9 @@ def bode_at(terms, r, u, h):
             third += own * nu * (1.0 + high) / math.sqrt(distance)
     gain += 0.5 * math.log(top / bottom)
     phase += math.atan2(imag, real) + 2.0 * math.pi * turns
-    if len(terms.sums) > 0:
-        sign = terms.sums[r, 4, -1]
-        a, b, q_real, q_imag, x, along, own, across = power_sum_at(terms.sums, r, u, h)
+    for row in range(r, len(terms.sums), whole.shape[1]):
+        sign = terms.sums[row, 4, -1]
+        a, b, q_real, q_imag, x, along, own, across = power_sum_at(terms.sums, row, u, h)
         gain, phase, slope, turn = gain + sign * a, phase + sign * b, slope + sign * q_real, turn + sign * q_imag
         bend, twist, bound, third = bend + sign * x, twist + sign * along, bound + own, third + across
     turning, delay = 0.0, whole[3, r]
@@ -331,9 +331,9 @@ def slope_at(terms, r, u):
         weight = factors[5, r, k] / (a * a + b * b)
         along += weight * (a if x > 0.0 else small * (small + factors[2, r, k]))
         across += weight * b
-    if len(terms.sums) > 0:
-        found = power_sum_at(terms.sums, r, u, 0.0)
-        along, across = along + terms.sums[r, 4, -1] * found[2], across + terms.sums[r, 4, -1] * found[3]
+    for row in range(r, len(terms.sums), terms.whole.shape[1]):
+        found = power_sum_at(terms.sums, row, u, 0.0)
+        along, across = along + terms.sums[row, 4, -1] * found[2], across + terms.sums[row, 4, -1] * found[3]
     if terms.whole[3, r] != 0.0:
         across -= terms.whole[3, r] * math.exp(u)
     return along, across

@@ -1,4 +1,4 @@
-"""Sums of powers of omega, as the numerator of a controller with a derivative of any order has them (compiled).
+"""Sums of powers of omega, as controllers with a derivative of any order and fractional plants have them (compiled).
 
 With u = ln omega such a factor of a function in Bode form is
 
@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from fopi_tune.core.compiled.loops import entry, power_sum_at
 
 Array = NDArray[np.float64]
-#: terms of (1) at most, and rows of a table: q, b, cos psi, sin psi, zeros of Im G (inf where there are fewer; the last
-#: is the sign of the factor), h up to each zero and beyond
+#: terms of (1) of a controller at most, and rows of a table: q, b, cos psi, sin psi, zeros of Im G (inf where there are
+#: fewer; the last is the sign of the factor), h up to each zero and beyond
 TERMS, ROWS = 5, 6
 #: exponents that differ by less are equal but for rounding
 _SAME = 1e-14
@@ -38,15 +38,18 @@ _BISECTIONS = 200
 _FARTHEST = 1e4
 
 
-def table_of(exponents: Sequence[float], coefficients: Sequence[float]) -> tuple[float, float, Array]:
+def table_of(
+    exponents: Sequence[float], coefficients: Sequence[float], width: int = TERMS
+) -> tuple[float, float, Array]:
     """sum_j c_j s^{e_j} as its first term and (1).
 
     Args:
         exponents: e_j.
         coefficients: c_j, at least one of them not 0.
+        width: room for so many terms; of a controller `TERMS`.
 
     Returns:
-        Coefficient and exponent of the first term, and the table, shape (ROWS, TERMS).
+        Coefficient and exponent of the first term, and the table, shape (ROWS, width).
     """
     joined: list[list[float]] = []
     for e, c in sorted(zip(exponents, coefficients, strict=True)):
@@ -55,7 +58,7 @@ def table_of(exponents: Sequence[float], coefficients: Sequence[float]) -> tuple
         else:
             joined.append([e, c])
     terms = [(e, c) for e, c in joined if c != 0.0]
-    (first, lead), table = terms[0], np.zeros((ROWS, TERMS))
+    (first, lead), table = terms[0], np.zeros((ROWS, width))
     table[1], table[4] = -np.inf, np.inf
     for j, (e, c) in enumerate(terms):
         q = e - first
@@ -69,7 +72,7 @@ def table_of(exponents: Sequence[float], coefficients: Sequence[float]) -> tuple
     imaginary = [(q[j], b[j], float(sine[j])) for j in range(count) if sine[j] != 0.0]
     h = 0 if not imaginary or imaginary[0][2] > 0.0 else -1
     table[5] = h
-    for k, u in enumerate(_zeros(imaginary)):
+    for k, u in enumerate(sign_changes(imaginary)):
         size = b + q * u
         is_even = float((cosine * np.exp(size - size.max())).sum()) > 0.0
         # the multiple of pi that is passed: of h and h + 1 the one that is even where Re G > 0
@@ -79,7 +82,7 @@ def table_of(exponents: Sequence[float], coefficients: Sequence[float]) -> tuple
     return lead, first, table
 
 
-def _zeros(terms: Sequence[tuple[float, float, float]]) -> list[float]:
+def sign_changes(terms: Sequence[tuple[float, float, float]]) -> list[float]:
     """Where sum_j w_j e^{b_j + q_j u} changes its sign; terms (q_j, b_j, w_j) by rising q.
 
     Between its extremes, which are the zeros of a sum with one term less, there is at most one.
@@ -88,7 +91,7 @@ def _zeros(terms: Sequence[tuple[float, float, float]]) -> list[float]:
         return []
     q_first = terms[0][0]
     # without the first term's exponential the first term is constant
-    inner = _zeros([(q, b, w * (q - q_first)) for q, b, w in terms[1:]])
+    inner = sign_changes([(q, b, w * (q - q_first)) for q, b, w in terms[1:]])
 
     def value(u: float) -> float:
         sizes = [b + q * u for q, b, _ in terms]

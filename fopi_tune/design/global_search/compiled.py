@@ -44,6 +44,13 @@ CODE_OF_OBJECTIVE = {
     ObjectiveKind.CROSSOVER_SPREAD: CROSSOVER_SPREAD,
     ObjectiveKind.DEPTH: DEPTH,
 }
+#: coefficients of a numerator and of a denominator: degrees up to 8
+WIDTH = 9
+#: where the numbers of a plant are behind those: the delay, and a and b of 1/F = 1 + a s + b s^2
+DELAY, LAG, LAG_SQUARE = 2 * WIDTH, 2 * WIDTH + 1, 2 * WIDTH + 2
+COEFFICIENTS = 2 * WIDTH + 3
+#: numbers of a fractional plant: behind those of the others the powers of s of its coefficients, of N, then of D
+WITH_ORDERS = COEFFICIENTS + 2 * WIDTH
 #: neper; stands for an infinite ln|L| in a table
 END = 40.0
 #: a cost or a value that does not exist
@@ -139,6 +146,8 @@ NO_SAMPLES = Sampling(0.0, np.zeros((0, 3)), 0, np.zeros(4))
 
 class Family(NamedTuple):
     """The coefficients of every plant of a box: `terms`[0] + point @ `terms`[1:], shape (1 + p, 21).
+
+    Fractional plants have their orders beside them, shape (1 + p, 39), and so have their tables' `members`.
 
     Of a family by parameters each row of `terms`, shape (t, 21), is a factor of the product of powers in that row of
     `powers`, shape (t, p); other families have no `powers`.

@@ -23,6 +23,7 @@ from fopi_tune.design.constraints import (
 )
 from fopi_tune.design.global_search.compiled import (
     CODE_OF_OBJECTIVE,
+    COEFFICIENTS,
     CROSSOVER,
     CS,
     CS_PEAK,
@@ -31,6 +32,8 @@ from fopi_tune.design.global_search.compiled import (
     KIND_OF_QUANTITY,
     PS,
     PS_PEAK,
+    WIDTH,
+    WITH_ORDERS,
     Box,
     Rows,
     Table,
@@ -318,7 +321,11 @@ class Problem:
     def without_integral(self) -> bool:
         """Whether ki has to be 0: a plant's zero at s = 0 would cancel the integral."""
         members = self.fine_table.members
-        return bool(np.any(members[:, 8] == 0.0)) and self.spec.controller.ki.min <= 0.0 <= self.spec.controller.ki.max
+        # a fractional numerator's last coefficient may have a power of s
+        last = members[:, WIDTH - 1] == 0.0
+        if members.shape[1] == WITH_ORDERS:
+            last |= members[:, COEFFICIENTS + WIDTH - 1] > 0.0
+        return bool(np.any(last)) and self.spec.controller.ki.min <= 0.0 <= self.spec.controller.ki.max
 
     @property
     def peak_offset(self) -> float:

@@ -1,7 +1,7 @@
 """The loop of one plant at any frequency, and its peaks and crossings by Newton's method (compiled).
 
-A plant is its 21 scaled coefficients, a measurement filter among them; gains are x, the numbers of `structures.py`, as
-`controller_of` completes them.
+A plant is its 21 scaled coefficients, a measurement filter among them, and its orders where it is fractional; gains are
+x, the numbers of `structures.py`, as `controller_of` completes them.
 Derivatives in v are central differences: of a peak only the place suffers, whose error enters its value squared.
 """
 
@@ -12,15 +12,20 @@ import math
 import numpy as np
 
 from fopi_tune.design.global_search.compiled import (
+    COEFFICIENTS,
     CROSSOVER,
     CS,
+    DELAY,
     DELAY_MARGIN,
     DISCOUNTED_ERROR,
     GAIN_AT_REFERENCE,
     GAIN_MARGIN,
+    LAG,
+    LAG_SQUARE,
     LOOP_GAIN,
     PHASE_MARGIN,
     PS,
+    WIDTH,
     S,
     T,
     compiled,
@@ -33,12 +38,23 @@ from fopi_tune.design.global_search.controllers import (
     half_of,
 )
 from fopi_tune.design.global_search.samples import delayed_at_real, log_omega_of, stretch_of, turn_of, turn_rate
-from fopi_tune.design.global_search.tables import DELAY, LAG, LAG_SQUARE, WIDTH
 
 _PI = math.pi
 _STEP = 1e-4
 #: how a frequency is determined, as in the program's slots
 AT_PEAK, AT_FIXED, AT_GAIN, AT_PHASE, AT_REFERENCE, AT_HORIZON, AT_INFINITY = range(7)
+
+
+@compiled
+def power_sum_at(plant, first, v):
+    """Real and imaginary part of a fractional plant's side at j e^v; `first` is where its coefficients begin."""
+    a = b = 0.0
+    for k in range(first, first + WIDTH):
+        if plant[k] != 0.0:
+            order = plant[COEFFICIENTS + k]
+            size, angle = plant[k] * math.exp(order * v), 0.5 * _PI * order
+            a, b = a + size * math.cos(angle), b + size * math.sin(angle)
+    return a, b
 
 
 @entry
@@ -47,9 +63,13 @@ def loop_at(x, plant, v, near):
     omega = math.exp(v)
     real, imag = controller_at(x, v)
     a = b = c = d = 0.0
-    for k in range(WIDTH):
-        a, b = plant[k] - b * omega, a * omega
-        c, d = plant[WIDTH + k] - d * omega, c * omega
+    if len(plant) > COEFFICIENTS:
+        a, b = power_sum_at(plant, 0, v)
+        c, d = power_sum_at(plant, WIDTH, v)
+    else:
+        for k in range(WIDTH):
+            a, b = plant[k] - b * omega, a * omega
+            c, d = plant[WIDTH + k] - d * omega, c * omega
     log_c = 0.5 * math.log(real * real + imag * imag)
     gain = log_c + 0.5 * math.log((a * a + b * b) / (c * c + d * d))
     phase = math.atan2(imag, real) + math.atan2(b * c - a * d, a * c + b * d)
@@ -176,8 +196,13 @@ def ripple_near(kind, side, x, plant, v, near, target, tilt):
 def discounted_error(x, plant, log_horizon):
     """ln |F P/(1 + C P)| at the horizon's s = e^-log_horizon, scaled; F is a number there."""
     s, a, b = math.exp(-log_horizon), 0.0, 0.0
-    for k in range(WIDTH):
-        a, b = a * s + plant[k], b * s + plant[WIDTH + k]
+    if len(plant) > COEFFICIENTS:
+        for k in range(WIDTH):
+            a += plant[k] * s ** plant[COEFFICIENTS + k]
+            b += plant[WIDTH + k] * s ** plant[COEFFICIENTS + WIDTH + k]
+    else:
+        for k in range(WIDTH):
+            a, b = a * s + plant[k], b * s + plant[WIDTH + k]
     p = a / b * delayed_at_real(plant[DELAY], s, half_of(x))
     return math.log(abs(p / (1.0 + controller_at_real(x, -log_horizon) * p)))
 

@@ -9,8 +9,10 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.design.global_search.compiled import (
+    COEFFICIENTS,
     CROSSOVER,
     CS,
+    DELAY,
     DELAY_MARGIN,
     DISCOUNTED_ERROR,
     GAIN_AT_REFERENCE,
@@ -24,7 +26,8 @@ from fopi_tune.design.global_search.compiled import (
     T,
 )
 from fopi_tune.design.global_search.controllers import FILTER, MU
-from fopi_tune.design.global_search.nonlinear.program import ERRORS, INDEX, PARAMETERS
+from fopi_tune.design.global_search.families.fractional import sides_at_real
+from fopi_tune.design.global_search.nonlinear.program import ERRORS, INDEX, PARAMETERS, PARAMETERS_WITH_ORDERS
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
     AT_GAIN,
@@ -34,7 +37,7 @@ from fopi_tune.design.global_search.responses import (
     AT_REFERENCE,
     loop_at,
 )
-from fopi_tune.design.global_search.tables import COEFFICIENTS, DELAY, WIDTH, Scaled
+from fopi_tune.design.global_search.tables import Scaled
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 
 _PI = math.pi
@@ -54,7 +57,7 @@ class Slot:
     """One slot's parameters.
 
     Args:
-        p: shape (PARAMETERS,).
+        p: shape (PARAMETERS,), with a fractional plant (PARAMETERS_WITH_ORDERS,).
         v: where its frequency starts.
         row: index of the row it stands for; -1 of the reference.
         is_equal: whether its row is an equality.
@@ -70,10 +73,16 @@ class Slot:
 
 def idle_slot(plant: Array) -> Slot:
     """A slot that asks for nothing."""
-    p = np.zeros(PARAMETERS)
-    p[:COEFFICIENTS] = plant
+    p = _parameters_of(plant)
     p[INDEX["fixed"]] = p[INDEX["limit"]] = p[INDEX["sign"]] = 1.0
     return Slot(p, 0.0, -1)
+
+
+def _parameters_of(plant: Array) -> Array:
+    """A slot's parameters with its plant alone."""
+    p = np.zeros(PARAMETERS if len(plant) == COEFFICIENTS else PARAMETERS_WITH_ORDERS)
+    p[:COEFFICIENTS], p[PARAMETERS:] = plant[:COEFFICIENTS], plant[COEFFICIENTS:]
+    return p
 
 
 def reference_slot(plant: Array, x: Array, v: float, near: float) -> Slot:
@@ -151,11 +160,10 @@ def error_rows(findings: list[Array], rows: Rows, scaled: Scaled, log_horizon: f
     parameters[:, 0], parameters[:, 1] = 1.0, -log_horizon
     found = [f for f in findings if rows.kind[int(f[ROW])] == DISCOUNTED_ERROR][:ERRORS]
     s = math.exp(-log_horizon)
-    powers = s ** np.arange(WIDTH - 1, -1, -1.0)
     for k, finding in enumerate(found):
         plant = scaled.member(finding[FIELDS:])
-        width = len(powers)
-        value = plant[:width] @ powers / (plant[width : 2 * width] @ powers)
+        top, bottom = sides_at_real(plant, s)
+        value = top / bottom
         value *= scaled.delayed_at_real(s, plant[DELAY])
         parameters[k] = value, -log_horizon, 1.0
     return parameters
@@ -164,8 +172,7 @@ def error_rows(findings: list[Array], rows: Rows, scaled: Scaled, log_horizon: f
 def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: float) -> Slot:
     kind, side, mode = int(rows.kind[q]), int(rows.side[q]), int(finding[MODE])
     v, near = float(finding[V]), float(finding[NEAR])
-    p = np.zeros(PARAMETERS)
-    p[:COEFFICIENTS] = plant
+    p = _parameters_of(plant)
     p[INDEX["near"]], p[INDEX["v0"]] = near, v
     is_equal = side == 0 and not in_t
     sign = float(side) if side else 1.0

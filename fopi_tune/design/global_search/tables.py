@@ -14,6 +14,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows
 from fopi_tune.core.families.plant_list import PlantList, PlantMember
+from fopi_tune.core.fractional_plants.family import fractional_part
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
@@ -21,15 +22,21 @@ from fopi_tune.core.roots import times
 from fopi_tune.core.sampled_loops import SampledPlants
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.design.constraints import Scale
-from fopi_tune.design.global_search.compiled import END, NO_SAMPLES, OF_PLANTS, Family, Sampling, Table
+from fopi_tune.design.global_search.compiled import (
+    COEFFICIENTS,
+    DELAY,
+    END,
+    NO_SAMPLES,
+    OF_PLANTS,
+    WIDTH,
+    Family,
+    Sampling,
+    Table,
+)
+from fopi_tune.design.global_search.families.fractional import fractional_terms, numbers_of_terms, sides_at_real
 from fopi_tune.design.global_search.samples import Samples, plant_of
 from fopi_tune.errors import DomainError
 
-#: coefficients of a numerator and of a denominator: degrees up to 8
-WIDTH = 9
-#: where the numbers of a plant are behind those: the delay, and a and b of 1/F = 1 + a s + b s^2
-DELAY, LAG, LAG_SQUARE = 2 * WIDTH, 2 * WIDTH + 1, 2 * WIDTH + 2
-COEFFICIENTS = 2 * WIDTH + 3
 #: rad; the dead time turns P by at most this between columns, up to `_LAST_TURN`
 _TURN = 0.6
 _LAST_TURN = 40.0
@@ -77,6 +84,8 @@ class Scaled:
             parts = [cls._of_member(member, scale, samples) for member in family.members]
             return cls(family, scale, parts[0].plants, samples, tuple(parts))
         low, high = family.low, family.high
+        if (fractional := fractional_part(family)) is not None:
+            return cls(family, scale, fractional_terms(fractional, scale, samples is not None))
         numerator, denominator, _ = family.coefficients(family.nominal_point[None, :])
         filtered = scale.measurement_filter
         room = WIDTH if filtered is None else WIDTH - filtered.order
@@ -107,6 +116,11 @@ class Scaled:
             return cls.of(member.family, scale, samples)
         except DomainError as error:
             raise DomainError(f"{member.name}: {error}") from None
+
+    @property
+    def terms(self) -> tuple[int, int]:
+        """Of fractional plants the numbers of terms of N and D, else (0, 0)."""
+        return numbers_of_terms(self.plants)
 
     @property
     def sampling(self) -> Sampling:
@@ -224,8 +238,7 @@ def frequency_grid(scaled: Scaled, named: Array, per_decade: int, per_decade_bey
     """Frequencies in rad/s: dense around the plants' corners, fine at resonances and where a dead time turns."""
     family, scale, samples = scaled.family, scaled.scale, scaled.samples
     plants = Plants.members(family, vertices(family))
-    roots = np.concatenate([plants.zeros.ravel(), plants.poles.ravel()])
-    roots = roots[np.isfinite(roots) & (roots != 0)]
+    roots = plants.corner_roots
     low, high = float(scale.omega_grid[0]), float(scale.omega_grid[-1])
     delays = plants.dead_time_s[plants.dead_time_s > 0]
     filters = [1.0 / scale.filter_s] if scale.filter_s else []
@@ -333,8 +346,8 @@ def table_of(scaled: Scaled, points: Array, omega_rad_s: Array, horizon_s: float
     alias = np.where(delay > 0, np.argmax(turns, axis=1), n + 2).astype(np.int64)
     linear, members = np.exp(gain), scaled.members(points)
     s = scaled.horizon(horizon_s)
-    powers = s ** np.arange(WIDTH - 1, -1, -1.0)
-    error_gain = members[:, :WIDTH] @ powers / (members[:, WIDTH : 2 * WIDTH] @ powers)
+    top, bottom = sides_at_real(members, s)
+    error_gain = top / bottom
     error_gain *= scaled.delayed_at_real(s, members[:, DELAY])
     late = members[:, DELAY] if samples is not None else np.zeros(m)
     lag, square = scaled.scale.lag_and_square

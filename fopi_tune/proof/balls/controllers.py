@@ -109,6 +109,7 @@ class ControllerOnInterval(ABC):
         if self.low_tail and self.high_tail:
             raise ValueError("a box without any end in frequency has no enclosure; cut it first")
         self._powers: dict[int, acb] = {}
+        self._real_powers: dict[float, acb] = {}
 
     @computed_once
     def omega(self) -> arb:
@@ -165,6 +166,26 @@ class ControllerOnInterval(ABC):
         if exponent not in self._powers:
             self._powers[exponent] = self.s**exponent
         return self._powers[exponent]
+
+    def real_power_of_s(self, exponent: arb) -> acb:
+        """The same of an exact real exponent >= 0, with omega^exponent = e^(exponent u)."""
+        key = float(exponent.mid()) if exponent.is_exact() else None
+        known = self._real_powers.get(key) if key is not None and arb(key) == exponent else None
+        if known is not None:
+            return known
+        size = arb(1)
+        if self.low_tail and not exponent.is_zero():
+            size = _ZERO.union((exponent * arb(self.u[1])).exp())
+        elif self.high_tail and not exponent.is_zero():
+            size = _ZERO.union((-exponent * arb(self.u[0])).exp())
+        elif not exponent.is_zero():
+            size = (exponent * ball_of(self.u)).exp()
+        angle = exponent / 2
+        turn = acb(angle.cos_pi(), angle.sin_pi())
+        found = size * (1 / turn if self.high_tail else turn)
+        if key is not None and arb(key) == exponent:
+            self._real_powers[key] = found
+        return found
 
 
 class Structure(ABC):

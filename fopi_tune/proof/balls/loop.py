@@ -14,6 +14,7 @@ from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import derivative_of
+from fopi_tune.core.fractional_plants.family import fractional_part
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.proof.balls.box import (
     Box,
@@ -29,8 +30,9 @@ from fopi_tune.proof.balls.box import (
 from fopi_tune.proof.balls.computed_once import computed_once
 from fopi_tune.proof.balls.controllers import ControllerOnInterval, FoPiStructure, LoopParameters, Structure
 from fopi_tune.proof.balls.fopid import FoPidStructure
+from fopi_tune.proof.balls.fractional_plants.responses import FractionalLoopEnclosure, least_gap
 from fopi_tune.proof.balls.pid import PidStructure
-from fopi_tune.proof.balls.plant import PlantEnclosure, assemble, filtered, without_axes
+from fopi_tune.proof.balls.plant import FractionalEnclosure, PlantEnclosure, assemble, filtered, without_axes
 from fopi_tune.proof.balls.responses import LoopEnclosure
 
 #: bits of the balls' centres
@@ -93,7 +95,9 @@ class BallLoop(LoopParameters):
     @property
     def farthest_u(self) -> float:
         """|u| beyond which only the leading terms matter."""
-        return self.structure.farthest_u
+        farthest = self.structure.farthest_u
+        family = fractional_part(self.family)
+        return farthest if family is None else farthest / least_gap(family.orders)
 
     def has_upper_limit(self, over: LoopEnclosure) -> bool:
         """Whether L has a limit at the upper end of the axis: not with a dead time."""
@@ -151,7 +155,8 @@ class BallLoop(LoopParameters):
 
     def enclosure(self, u: Interval, plant: PlantEnclosure) -> LoopEnclosure:
         """The loop with these plants over an interval of u."""
-        return LoopEnclosure(self, self.controller_on(u), plant)
+        made = FractionalLoopEnclosure if isinstance(plant, FractionalEnclosure) else LoopEnclosure
+        return made(self, self.controller_on(u), plant)
 
     def controller_on(self, u: Interval) -> ControllerOnInterval:
         """C over an interval of u; cached, since splits along the plants do not change it."""

@@ -14,6 +14,7 @@ from typing import Any
 
 from flint import acb, arb, fmpq
 
+from fopi_tune.core.fractional_plants.family import FractionalFamily, fractional_part
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.parametric.polynomials import ParameterPolynomial
 from fopi_tune.core.plant import PlantFamily
@@ -148,16 +149,88 @@ class PlantEnclosure:
         return Polynomial([c.value for c in self.denominator])
 
     @property
+    def numerator_orders(self) -> tuple[Any, ...]:
+        """The powers of s of the numerator's coefficients."""
+        return tuple(range(len(self.numerator) - 1, -1, -1))
+
+    @property
+    def denominator_orders(self) -> tuple[Any, ...]:
+        """The powers of s of the denominator's coefficients; the first is the degree."""
+        return tuple(range(len(self.denominator) - 1, -1, -1))
+
+    @property
+    def has_equal_degrees(self) -> bool:
+        """Whether the numerator's highest power is the denominator's."""
+        return len(self.numerator) == len(self.denominator)
+
+    @property
     def has_direct_path(self) -> bool:
         """Whether a plant in s need not be strictly proper."""
         leading = self.numerator[0]
-        return len(self.numerator) == len(self.denominator) and not (leading.value.is_zero() and not leading.gradient)
+        return self.has_equal_degrees and not (leading.value.is_zero() and not leading.gradient)
+
+    @property
+    def at_zero(self) -> tuple[arb, arb]:
+        """N(0) and D(0)."""
+        return self.numerator[-1].value, self.denominator[-1].value
+
+
+@dataclass(frozen=True)
+class FractionalEnclosure(PlantEnclosure):
+    """The coefficients of a fractional plant's terms, by falling order.
+
+    Args:
+        orders: of the numerator's terms, and of the denominator's; exact.
+    """
+
+    orders: tuple[tuple[arb, ...], tuple[arb, ...]] = ((), ())
+
+    @classmethod
+    def of(cls, family: FractionalFamily, values: Mapping[str, Any]) -> FractionalEnclosure:
+        """The plants whose numbers are `values`."""
+        top, bottom, dead_time = family.terms(values)
+        numerator, denominator = (tuple(Dual.of(c) for c in side) for side in (top, bottom))
+        orders = family.orders
+        return cls(
+            numerator, denominator, Dual.of(dead_time),
+            orders=(tuple(map(arb, orders.numerator)), tuple(map(arb, orders.denominator))),
+        )  # fmt: skip
+
+    @property
+    def numerator_orders(self) -> tuple[Any, ...]:
+        return self.orders[0]
+
+    @property
+    def denominator_orders(self) -> tuple[Any, ...]:
+        return self.orders[1]
+
+    @property
+    def has_equal_degrees(self) -> bool:
+        return bool(self.orders[0][0] == self.orders[1][0])
+
+    @property
+    def at_zero(self) -> tuple[arb, arb]:
+        sides = zip((self.numerator, self.denominator), self.orders, strict=True)
+        n, d = (side[-1].value if orders[-1].is_zero() else arb(0) for side, orders in sides)
+        return n, d
+
+    def filtered(self, bottom: Polynomial) -> FractionalEnclosure:
+        """F P, `bottom` being 1/F; sums of doubles and small whole numbers are exact."""
+        terms = [
+            (order + (bottom.degree - i), coefficient * number)
+            for order, coefficient in zip(self.orders[1], self.denominator, strict=True)
+            for i, number in enumerate(bottom.values)
+        ]
+        terms.sort(key=lambda term: -float(term[0]))
+        product = tuple(coefficient for _, coefficient in terms)
+        return replace(self, denominator=product, orders=(self.orders[0], tuple(order for order, _ in terms)))
 
 
 def without_gradient(plant: PlantEnclosure) -> PlantEnclosure:
     """The same coefficients without their derivatives."""
     numerator, denominator = (tuple(Dual(c.value) for c in side) for side in (plant.numerator, plant.denominator))
-    return PlantEnclosure(numerator, denominator, Dual(plant.dead_time.value), plant.late, Dual(plant.gain.value))
+    dead_time, gain = Dual(plant.dead_time.value), Dual(plant.gain.value)
+    return replace(plant, numerator=numerator, denominator=denominator, dead_time=dead_time, gain=gain)
 
 
 def without_axes(plant: PlantEnclosure, axes: Collection[int]) -> PlantEnclosure:
@@ -193,6 +266,8 @@ def assemble(family: PlantFamily, theta: Sequence[arb]) -> PlantEnclosure:
         else:
             axis, ball = next(uncertain)
             values[name] = Dual(ball, {axis: arb(1)})
+    if (fractional := fractional_part(family)) is not None:
+        return FractionalEnclosure.of(fractional, values)
     numerator, denominator, dead_time = family.assemble(values, rational)
     if isinstance(family, ParametricFamily):
         numerator = [_between_ends(p, c, theta) for p, c in zip(family.numerator, numerator, strict=True)]
@@ -208,6 +283,8 @@ def filtered(plant: PlantEnclosure, bottom: Polynomial | None) -> PlantEnclosure
     """F P, `bottom` being 1/F; None is 1."""
     if bottom is None:
         return plant
+    if isinstance(plant, FractionalEnclosure):
+        return plant.filtered(bottom)
     product = [Dual.of(0)] * (len(plant.denominator) + bottom.degree)
     for k, coefficient in enumerate(plant.denominator):
         for i, number in enumerate(bottom.values):

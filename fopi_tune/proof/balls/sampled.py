@@ -18,6 +18,7 @@ from functools import cached_property
 from flint import acb, arb, ctx
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.fractional_plants.family import ON_SAMPLES, refuse_fractional_family
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import MOST_DELAY_SAMPLES, WHOLE, SampledLoops
@@ -117,16 +118,13 @@ class SampledBallLoop(BallLoop):
         return value_far_up(self.sections, inverse)
 
     def plant(self, theta: Sequence[arb]) -> PlantEnclosure:
-        """The plants behind the hold, as polynomials in w without the whole samples of delay.
-
-        Raises:
-            DomainError: not proper.
-        """
+        """The plants behind the hold, as polynomials in w without the whole samples of delay."""
         plant = self._continuous(theta)
         return self._held(plant, theta, self._span_of(plant, None))
 
     def _continuous(self, theta: Sequence[arb]) -> PlantEnclosure:
-        """The plants in s, without the measurement filter, which is behind the sampler."""
+        """The plants in s, without the measurement filter, which is behind the sampler; no fractional ones."""
+        refuse_fractional_family(self.family, "the loop on samples", ON_SAMPLES)
         return assemble(self.family, theta)
 
     def plants_over(self, box: Sequence[Interval]) -> PlantEnclosure:

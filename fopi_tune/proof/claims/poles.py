@@ -68,13 +68,13 @@ def count_unstable_poles(loop: BallLoop, theta: tuple[float, ...], origin: float
     if along is None:
         return None
     first, last = loop.enclosure((low.u, low.u), plant), loop.enclosure((high.u, high.u), plant)
-    degree = len(plant.denominator) - 1
+    degree = plant.denominator_orders[0]
     order = loop.structure.order
     quarter = arb.pi() / 2
     # F(j e)/F(0), then along the axis, then back from (jR)^(n + a) d_n q to R^(n + a) d_n q
     start = (first.characteristic * _power(loop, low.u) / low.middle).arg()
     s = acb(0, arb(high.u).exp())
-    end = (last.characteristic / (s**degree * plant.denominator[0].value * high.middle)).arg()
+    end = (last.characteristic / (_raised(s, degree) * plant.denominator[0].value * high.middle)).arg()
     total = start + along - end - (degree + order) * quarter
     count = (-total / arb.pi()).unique_fmpz()
     return None if count is None or count < 0 else int(count)
@@ -89,13 +89,14 @@ def is_structurally_unstable(loop: BallLoop, theta: tuple[float, ...]) -> bool:
     plant, structure = assemble(loop.family, [arb(value) for value in theta]), loop.structure
     on_samples = isinstance(loop, SampledBallLoop)
     integral = loop.has_integrator if on_samples else not structure.order.is_zero()
-    if integral and plant.numerator[-1].value.is_zero():
+    n, d = plant.at_zero
+    if integral and n.is_zero():
         return True
     if on_samples:
         return False
-    if structure.at_zero.is_zero() and plant.denominator[-1].value.is_zero():
+    if structure.at_zero.is_zero() and d.is_zero():
         return True
-    if len(plant.numerator) < len(plant.denominator) or not plant.dead_time.value > 0:
+    if not plant.has_equal_degrees or not plant.dead_time.value > 0:
         return False
     if loop.gains.measurement_filter is not None:
         # it ends every direct path
@@ -117,8 +118,9 @@ def _low_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | No
     structure = loop.structure
     order, at_zero = structure.order, structure.at_zero
     integral = not order.is_zero()
-    bottom = at_zero * plant.numerator[-1].value
-    middle = bottom if integral else plant.denominator[-1].value + bottom
+    n_at_zero, d_at_zero = plant.at_zero
+    bottom = at_zero * n_at_zero
+    middle = bottom if integral else d_at_zero + bottom
     if not middle.is_finite() or middle.contains(0):
         return None
     dead_time = arb(plant.dead_time.value.abs_upper())
@@ -127,8 +129,8 @@ def _low_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | No
         e = arb(u).exp()
         whole_d, whole_n = _sum(d, e), _sum(n, e)
         # |N e^{-Ls} - N(0)| <= |N - N(0)| + |N| |Ls|
-        moved = whole_n - n[0] + whole_n * dead_time * e
-        radius = (order * u).exp() * whole_d if integral else whole_d - d[0]
+        moved = whole_n - arb(n_at_zero.abs_upper()) + whole_n * dead_time * e
+        radius = (order * u).exp() * whole_d if integral else whole_d - arb(d_at_zero.abs_upper())
         radius = radius + structure.change_near_zero(u) * whole_n + abs(at_zero) * moved
         if radius < middle.abs_lower():
             return _Disc(u, middle)
@@ -139,12 +141,12 @@ def _low_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | No
 def _high_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | None:
     """F/(s^(n + a) d_n) stays in a disc without 0 for |s| >= e^u."""
     d, n = _sizes(plant)
-    degree, structure = len(d) - 1, loop.structure
+    degree, structure = plant.denominator_orders[0], loop.structure
     leading = plant.denominator[0].value
     if leading.contains(0):
         return None
     at_infinity = structure.at_infinity
-    direct = plant.numerator[0].value / leading if len(n) == len(d) else arb(0)
+    direct = plant.numerator[0].value / leading if plant.has_equal_degrees else arb(0)
     delayed = not plant.dead_time.value.is_zero()
     # a dead time that may be 0 or not leaves the direct path anywhere on its circle
     middle = arb(1) if delayed else 1 + at_infinity * direct
@@ -153,9 +155,9 @@ def _high_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | N
     u = max(origin, 0.0)
     while u < _FARTHEST:
         e = (-arb(u)).exp()
-        rest_d = sum((c * e ** (degree - k) for k, c in enumerate(d[:-1])), arb(0)) / scale
-        whole_n = sum((c * e ** (degree - k) for k, c in enumerate(n)), arb(0)) / scale
-        rest_n = sum((c * e ** (degree - k) for k, c in enumerate(n) if k < degree), arb(0)) / scale
+        rest_d = sum((c * e ** (degree - k) for k, c in d[:-1]), arb(0)) / scale
+        whole_n = sum((c * e ** (degree - k) for k, c in n), arb(0)) / scale
+        rest_n = sum((c * e ** (degree - k) for k, c in n if k < degree), arb(0)) / scale
         changed = structure.change_near_infinity(u) * whole_n
         if rest_d + abs(at_infinity) * rest_n + changed + fixed < middle.abs_lower():
             return _Disc(u, middle)
@@ -163,14 +165,20 @@ def _high_end(loop: BallLoop, plant: PlantEnclosure, origin: float) -> _Disc | N
     return None
 
 
-def _sizes(plant: PlantEnclosure) -> tuple[list[arb], list[arb]]:
-    """Largest absolute values of D's and N's coefficients, ascending powers."""
-    d = [arb(c.value.abs_upper()) for c in reversed(plant.denominator)]
-    return d, [arb(c.value.abs_upper()) for c in reversed(plant.numerator)]
+def _sizes(plant: PlantEnclosure) -> tuple[list[tuple[Any, arb]], list[tuple[Any, arb]]]:
+    """The powers of D and N with the largest absolute values of their coefficients, by rising power."""
+    sides = (plant.denominator, plant.denominator_orders), (plant.numerator, plant.numerator_orders)
+    d, n = ([(k, arb(c.value.abs_upper())) for c, k in zip(*side, strict=True)][::-1] for side in sides)
+    return d, n
 
 
-def _sum(sizes: list[arb], e: arb) -> arb:
-    return sum((c * e**k for k, c in enumerate(sizes)), arb(0))
+def _sum(sizes: list[tuple[Any, arb]], e: arb) -> arb:
+    return sum((c * e**k for k, c in sizes), arb(0))
+
+
+def _raised(s: acb, power: Any) -> acb:
+    """s^power on the principal branch."""
+    return s**power if isinstance(power, int) else (power * s.log()).exp()
 
 
 @dataclass(frozen=True)

@@ -125,26 +125,20 @@ def _discounted_error(objective: Objective, samples: SamplePair) -> Value:
         if isinstance(loops, SampledLoops) and implementation is not None:
             step = s * implementation.sample_time_s
             delta = float(np.expm1(step))
-            gain = (
-                _polyval(plants.numerator, delta)
-                / _polyval(plants.denominator, delta)
-                * np.exp(-step * loops.plants.late)
-            )
+            top, bottom = plants.at_real(delta)
+            gain = top / bottom * np.exp(-step * loops.plants.late)
             loop = gain * loops.controller_at_real(delta)
             early = np.exp(step * (1.0 + implementation.delay_samples)) * implementation.sample_time_s / delta
             with np.errstate(divide="ignore"):
                 return np.abs(early * gain / (1.0 + loop)), np.full(len(loops), np.nan)
-        numerator = _polyval(plants.numerator, s) * np.exp(-s * plants.dead_time_s)
+        top, bottom = plants.at_real(s)
+        numerator = top * np.exp(-s * plants.dead_time_s)
         controller = samples.base.gains(s).real
         with np.errstate(divide="ignore"):
-            error = horizon * numerator / (_polyval(plants.denominator, s) + controller * numerator)
+            error = horizon * numerator / (bottom + controller * numerator)
         return np.abs(error), np.full(len(loops), np.nan)
 
     return _worst(samples.base, criterion)
-
-
-def _polyval(coefficients: Array, s: float) -> Array:
-    return coefficients @ s ** np.arange(coefficients.shape[1] - 1, -1, -1.0)
 
 
 _VALUES: dict[ObjectiveKind, Callable[[Objective, SamplePair], Value]] = {

@@ -153,7 +153,7 @@ class Members:
         said = [
             found.reported["worst"]["omega_rad_s"] for found in self.documents.requirements if found.reported["worst"]
         ]
-        poles = np.abs(Plants.members(self.documents.spec.plant, self.extreme_points()).poles).ravel()
+        poles = Plants.members(self.documents.spec.plant, self.extreme_points()).pole_sizes_rad_s
         every = [*crossings.tolist(), *ends, *(float(each) for each in said if each), *poles.tolist()]
         middle = [omega for omega in every if 1e-9 < omega < 1e9] or [1.0]
         low, high = math.log10(min(middle)) - _BEYOND, math.log10(max(middle)) + _BEYOND

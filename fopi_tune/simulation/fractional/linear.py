@@ -22,6 +22,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,6 @@ from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.inversion import (
-    SECTOR_RAD,
     InversionResult,
     LineBounds,
     Transform,
@@ -43,6 +43,7 @@ from fopi_tune.simulation.fractional.inversion import (
     invert_on_bent_line,
     invert_on_hyperbola,
 )
+from fopi_tune.simulation.fractional.plant_sides import PlantSides, PowerSides, sides_of
 from fopi_tune.simulation.fractional.poles import Characteristic, principal_poles
 
 #: largest tolerance that may be asked for, relative to the response's size
@@ -162,17 +163,20 @@ class LoopTransform:
         if self.plant.dead_time_s == 0.0 and 1.0 + self.gains.kp * self.direct == 0.0:
             raise DomainError("1 + kp P(inf) = 0: the loop has no answer at high frequency; change kp")
 
+    @cached_property
+    def sides(self) -> PlantSides:
+        """N and D."""
+        return sides_of(self.plant)
+
     @property
     def direct(self) -> float:
         """P0(inf)."""
-        n, d = np.trim_zeros(self.plant.numerator, "f"), self.plant.denominator
-        return n[0] / d[0] if len(n) == len(d) else 0.0
+        return self.sides.direct
 
     @property
     def degree(self) -> float:
         """r: L0 falls as |s|^-r."""
-        falls = len(self.plant.denominator) - len(np.trim_zeros(self.plant.numerator, "f"))
-        return falls + (self.gains.alpha if self.gains.kp == 0.0 else 0.0)
+        return self.sides.falls + (self.gains.alpha if self.gains.kp == 0.0 else 0.0)
 
     @property
     def stable(self) -> bool:
@@ -209,7 +213,7 @@ class LoopTransform:
     def parts(self, s: Complex) -> tuple[Complex, Complex, Complex, Complex]:
         """s^alpha, s^alpha C, N and D; with them neither s -> 0 nor alpha -> 2 overflows."""
         power = s**self.gains.alpha
-        n, d = (np.asarray(np.polyval(p, s), dtype=complex) for p in (self.plant.numerator, self.plant.denominator))
+        n, d = self.sides.at(s)
         return power, self.gains.kp * power + self.gains.ki, n, d
 
     def transform(self, s: Complex) -> Complex:
@@ -244,6 +248,11 @@ class LoopTransform:
 
 
 def _without_dead_time(loop: LoopTransform, times: Array) -> InversionResult:
+    sides, gains = loop.sides, loop.gains
+    if isinstance(sides, PowerSides):
+        # the poles of such a loop have no list: the line passes to the right of all
+        radius = sides.farthest_closed_loop_pole_rad_s(gains.kp, gains.ki, gains.alpha)
+        return invert_on_bent_line(loop.transform, times, LineBounds(0.0 if loop.stable else radius, radius))
     poles = principal_poles(loop.gains, loop.plant)
     with np.errstate(all="ignore"):
         power, c, n, d = loop.parts(poles)
@@ -306,11 +315,10 @@ def response_by_steps(loop: LoopTransform, times: Array) -> InversionResult:
 def _open_response(loop: LoopTransform, k: int, times: Array) -> InversionResult:
     """Term k of (2): its only poles are the plant's, which are multiple."""
     order = math.floor(k * loop.degree)
-    poles = np.roots(loop.plant.denominator)
-    outside = poles[(np.abs(np.angle(poles)) < SECTOR_RAD) & (poles != 0.0)]
-    if len(outside) == 0:
+    farthest = loop.sides.farthest_pole_rad_s
+    if farthest == 0.0:
         return invert_on_hyperbola(loop.term(k), times, order=order)
-    bounds = LineBounds(max(0.0, float(outside.real.max())), 1.5 * float(np.abs(outside).max()))
+    bounds = LineBounds(loop.sides.rightmost_pole_rad_s, 1.5 * farthest)
     return invert_on_bent_line(loop.term(k), times, bounds)
 
 
@@ -344,9 +352,7 @@ def _loop_gain(loop: LoopTransform, s: Complex) -> Array:
 
 def _line_bounds(loop: LoopTransform, horizon: float) -> LineBounds | None:
     """A line with |L0 e^{-Ls}| < 1 between it and the axis, by the maximum principle; None if none is found."""
-    poles, zeros = np.roots(loop.plant.denominator), np.roots(loop.plant.numerator)
-    aside = poles[np.abs(np.angle(poles)) < SECTOR_RAD]
-    corners = np.concatenate([np.abs(poles), np.abs(zeros), [1.0 / loop.plant.dead_time_s, 1.0 / horizon]])
+    corners = np.concatenate([loop.sides.corners_rad_s, [1.0 / loop.plant.dead_time_s, 1.0 / horizon]])
     corners = corners[corners > 0.0]
     omega = np.geomspace(corners.min() * 1e-6, corners.max() * 1e8, 6000)
     rest = abs(loop.gains.kp * loop.direct)
@@ -357,7 +363,7 @@ def _line_bounds(loop: LoopTransform, horizon: float) -> LineBounds | None:
         loud = np.flatnonzero(~(_loop_gain(loop, 1j * omega) < on_axis))
         if len(loud) and loud[-1] + 1 == len(omega):
             return None
-        start = max(float(omega[loud[-1] + 1]) if len(loud) else 0.0, float(np.abs(aside).max(initial=0.0)))
+        start = max(float(omega[loud[-1] + 1]) if len(loud) else 0.0, loop.sides.farthest_pole_rad_s)
         for _ in range(40):
             bounds = LineBounds(0.0, start, loop.plant.dead_time_s, power, rest > 0.0)
             s, _slope = bent_line(corner_frequency(horizon, bounds) * np.geomspace(1e-2, 1e10, 4000), horizon, bounds)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.spec.fractional_plants.record import fractional_tag, refuse_in_list
 from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values
@@ -67,6 +68,8 @@ def plants_shape() -> PlantsShape:
 
 
 def _listed(record: Record) -> Record:
+    if record.keys["model"].shape == fractional_tag():
+        record = refuse_in_list(record)
     keys = {
         "name": Key(
             Text("what messages and reports call it; plant 1, plant 2, ... where left out", _NAME, _NAME_RULE), False

@@ -31,6 +31,7 @@ from typing import Any
 
 import casadi as ca
 
+from fopi_tune.design.global_search.compiled import COEFFICIENTS, DELAY, LAG, LAG_SQUARE, WIDTH, WITH_ORDERS
 from fopi_tune.design.global_search.nonlinear.controllers import (
     Kind,
     Made,
@@ -39,15 +40,15 @@ from fopi_tune.design.global_search.nonlinear.controllers import (
     controller_parts,
     times,
 )
-from fopi_tune.design.global_search.tables import COEFFICIENTS, DELAY, LAG, LAG_SQUARE, WIDTH
 
-#: names of a slot's parameters after its coefficients
+#: names of a slot's parameters after its coefficients; a fractional plant's orders come behind
 NAMES = (
     "near", "peak", "gain", "phase", "fixed", "reference", "level", "level_t", "v0",
     "log_c", "log_l", "log_s", "angle", "lag", "slope", "log_omega", "log_end",
     "offset", "sign", "limit", "with_t", "with_reference", "is_first",
 )  # fmt: skip
 PARAMETERS = COEFFICIENTS + len(NAMES)
+PARAMETERS_WITH_ORDERS = PARAMETERS + WITH_ORDERS - COEFFICIENTS
 INDEX = {name: COEFFICIENTS + k for k, name in enumerate(NAMES)}
 SIZES = (4, 8, 16, 32)
 #: rows for the discounted error
@@ -86,6 +87,15 @@ def _polynomial(coefficients: Any, omega: Any) -> tuple[Any, Any]:
     return real, imag
 
 
+def _power_sum(coefficients: Any, orders: Any, terms: int, v: Any) -> tuple[Any, Any]:
+    """A fractional plant's side at j e^v: its last terms, the others are 0."""
+    real, imag = ca.SX(0), ca.SX(0)
+    for k in range(WIDTH - terms, WIDTH):
+        size, angle = coefficients[k] * ca.exp(orders[k] * v), orders[k] * (math.pi / 2)
+        real, imag = real + size * ca.cos(angle), imag + size * ca.sin(angle)
+    return real, imag
+
+
 def _log_size(a: tuple[Any, Any]) -> Any:
     return 0.5 * ca.log(a[0] ** 2 + a[1] ** 2)
 
@@ -103,7 +113,12 @@ def _slot(
         return p[INDEX[name]]
 
     omega = ca.exp(v)
-    top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
+    if kind.terms == (0, 0):
+        top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
+    else:
+        orders = p[PARAMETERS:]
+        top = _power_sum(p[:WIDTH], orders[:WIDTH], kind.terms[0], v)
+        bottom = _power_sum(p[WIDTH : 2 * WIDTH], orders[WIDTH:], kind.terms[1], v)
     controller, half = controller_parts(kp, ki, third, v, made), None if made is None else made.half
     log_c = _log_size(controller)
     log_l = log_c + _log_size(top) - _log_size(bottom)
@@ -149,7 +164,8 @@ def solver_of(size: int, kind: Kind) -> Any:
     orders also kd, the slots' rows, the error rows, the slots' equations.
     """
     z, v = ca.SX.sym("z", kind.unknowns + 1), ca.SX.sym("v", size)
-    p, errors = ca.SX.sym("p", PARAMETERS, size), ca.SX.sym("errors", 3, ERRORS)
+    parameters = PARAMETERS if kind.terms == (0, 0) else PARAMETERS_WITH_ORDERS
+    p, errors = ca.SX.sym("p", parameters, size), ca.SX.sym("errors", 3, ERRORS)
     whole = ca.SX.sym("whole", len(WHOLE_WITH_ORDERS if kind.orders else WHOLE))
     kp, ki, third, t = z[0] * whole[4], z[1] * whole[5], z[2] * whole[6], z[kind.unknowns]
     numbers = ca.SX.sym("numbers", kind.parameters)

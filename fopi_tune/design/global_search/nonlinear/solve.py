@@ -87,6 +87,7 @@ def solve(
     kind, numbers = Kind.of(problem.scaled.sampling, structure.has_orders)
     kind = kind._replace(peaks=_asks(slots, "peak"), slopes=_asks(slots, "slope"))
     kind = kind._replace(filtered=problem.scale.measurement_filter is not None and _asks(slots, "log_c"))
+    kind = kind._replace(terms=problem.scaled.terms)
     parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, numbers])
     start = np.clip(np.concatenate([z, [t], v]), low, high)
     solver = solver_of(size, kind)

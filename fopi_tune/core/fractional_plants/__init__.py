@@ -1,0 +1,1 @@
+"""Fractional plants:  quotients of sums of real powers of s."""

@@ -1,0 +1,1 @@
+"""Loops with fractional plants over boxes."""
