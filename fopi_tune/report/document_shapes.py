@@ -28,6 +28,8 @@ DESIGN_STATUSES = ("solved", "infeasible", "unbounded", "failed")
 CHECK_STATUSES = ("met", "violated", "undecided")
 EVIDENCE_STATUSES = ("met", "violated", "contradiction")
 _NOT_ATTEMPTED = "not_attempted"
+#: of measured responses, of which there is no proof
+CHECKED = "checked"
 #: relative; a worst plant may leave the family by rounding
 _ROUNDING = 1e-9
 T = TypeVar("T")
@@ -137,16 +139,16 @@ def _requirement(entry: JsonObject, requirement: Requirement, spec: DesignSpec) 
         price.flag("agrees")
     if entry.get("proof") is not None:
         proof = entry.child("proof")
-        proof.word("verdict", Verdict)
+        _one_of(proof, "verdict", (*(word.value for word in Verdict), CHECKED, "violated"))
         for key in ("proved_from", "proved_to", "relative_gap"):
             proof.number_or_none(key)
         _prose(proof, "reason")
 
 
 def _proof(proof: JsonObject) -> None:
-    verdict = _one_of(proof, "verdict", (*(word.value for word in Verdict), _NOT_ATTEMPTED))
+    verdict = _one_of(proof, "verdict", (*(word.value for word in Verdict), _NOT_ATTEMPTED, CHECKED))
     _prose(proof, "reason")
-    if verdict == _NOT_ATTEMPTED:
+    if verdict in (_NOT_ATTEMPTED, CHECKED):
         return
     stability = proof.child("stability")
     stability.word("verdict", Verdict)

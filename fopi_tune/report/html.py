@@ -10,6 +10,7 @@ from typing import Any
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
 from fopi_tune.errors import DomainError
+from fopi_tune.report.document_shapes import CHECKED
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
 from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
@@ -153,6 +154,8 @@ def _missed_phrase(digital: Mapping[str, Any]) -> str:
 def _proof_words(design: Mapping[str, Any], verdict: str) -> list[str]:
     if design["status"] != "solved":
         return []
+    if verdict == CHECKED:
+        return ["Checked at the measured frequencies and between them; there is no proof of measured data."]
     if verdict != "proved":
         return ["Checked in floating point, not proved."]
     checked = sum(each["verdict"] == "checked" for each in design.get(ENTRIES, ()))
@@ -177,7 +180,7 @@ def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     value = "undefined" if design["objective"] is None else number(design["objective"])
     yield "objective", f"{design['objective_quantity']}: {value}"
     if stability is not None:
-        stable = "stable" if stability["stable"] else "NOT STABLE"
+        stable = "undecided" if stability.get("undecided") else "stable" if stability["stable"] else "NOT STABLE"
         yield "stability", f"{stable}: {stability['reason']}; closest to -1 {place_phrase(stability['worst'])}"
     if nominal is not None:
         yield "nominal plant", margins_phrase(nominal)

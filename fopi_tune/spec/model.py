@@ -11,6 +11,7 @@ from fopi_tune.core.controller import ControllerSpec as ControllerSpec
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.controller import GainRange as GainRange
 from fopi_tune.core.distributions import Distribution
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.parameter_table import SamplesFile
 from fopi_tune.core.plant import JointFamily, PlantFamily
 from fopi_tune.errors import DomainError
@@ -217,6 +218,11 @@ class DesignSpec:
     content_sha256: str = field(default="", compare=False, repr=False)
     scenario_requirements: tuple[Limit, ...] = ()
     reference: PlantFamily | None = None
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the plant is known by measured frequency responses: requirements are then checked, never proved."""
+        return isinstance(self.plant, MeasuredFamily)
 
     @property
     def nominal_family(self) -> PlantFamily:
