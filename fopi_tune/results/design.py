@@ -180,7 +180,7 @@ class Check:
     @property
     def notes(self) -> tuple[str, ...]:
         """By how much equalities are missed, and what measured responses leave open."""
-        return (*equality_notes(self.verification.requirements), *measured_notes(self.spec, self.verification))
+        return (*equality_notes(self.verification.requirements), *measured_notes(self.spec, self.verification.gains))
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
@@ -225,7 +225,7 @@ class Discretized:
     @property
     def notes(self) -> tuple[str, ...]:
         """By how much equalities are missed, and what measured responses leave open."""
-        return (*equality_notes(self.verification.requirements), *digital_notes(self.spec, self.verification))
+        return (*equality_notes(self.verification.requirements), *digital_notes(self.spec, self.verification.gains))
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -355,7 +355,7 @@ def verification_dict(
         "loop": loop_name(spec),
         "objective_quantity": objective_name(spec),
         "tolerance": found.tolerance,
-        "notes": [*equality_notes(found.requirements), *measured_notes(spec, found)],
+        "notes": [*equality_notes(found.requirements), *measured_notes(spec, found.gains)],
         "stability": stability_dict(found.stability),
         "nominal": margins_dict(found.nominal),
         "proof": proof_dict(certificate, certificate is not None, spec.is_measured),

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from fopi_tune.core.controller import FoPi
 from fopi_tune.core.measured.family import DIRECTIONS, SIGMAS, MeasuredFamily
 from fopi_tune.core.measured.loops import MeasuredLoop
-from fopi_tune.proof.verification.results import Verification
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.spec.model import DesignSpec
@@ -30,25 +30,25 @@ def checked_dict() -> dict[str, Any]:
     return {"verdict": "checked", "reason": NO_PROOF}
 
 
-def measured_notes(spec: DesignSpec, found: Verification | None) -> tuple[str, ...]:
+def measured_notes(spec: DesignSpec, gains: FoPi) -> tuple[str, ...]:
     """What a user should know of the check of measured responses; empty for another plant.
 
     Args:
         spec: the spec.
-        found: the verification; None without gains.
+        gains: the controller.
     """
     family = spec.plant
     if not isinstance(family, MeasuredFamily):
         return ()
     notes = [*_outside(spec, family), *_deviation(family)]
-    if found is not None and not found.gains.is_zero:
-        notes.append(_interpolation(family, MeasuredLoop(found.gains, family.members[0].table, family.band_rad_s)))
+    if not gains.is_zero:
+        notes.append(_interpolation(family, MeasuredLoop(gains, family.members[0].table, family.band_rad_s)))
     return tuple(notes)
 
 
-def digital_notes(spec: DesignSpec, found: Verification) -> tuple[str, ...]:
+def digital_notes(spec: DesignSpec, gains: FoPi) -> tuple[str, ...]:
     """`measured_notes` of a digital controller, whose loop on samples is not known; arguments as there."""
-    return (_NOT_ON_SAMPLES, *measured_notes(spec, found)) if spec.is_measured else ()
+    return (_NOT_ON_SAMPLES, *measured_notes(spec, gains)) if spec.is_measured else ()
 
 
 def _outside(spec: DesignSpec, family: MeasuredFamily) -> Iterator[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -23,7 +23,7 @@ _STEP, _PARTS, _TURN = 0.02, 4, 0.3
 #: columns of a grid
 _MOST_COLUMNS = 400_000
 #: golden sections, and halvings, of a refinement
-_SECTIONS, _HALVINGS = 60, 60
+_SECTIONS, _HALVINGS = 34, 44
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
 
@@ -107,7 +107,11 @@ class MeasuredLoop:
         Raises:
             DomainError: the dead time turns too often in the band.
         """
-        return band_grid(self.curve, self.band_rad_s, _STEP if self.step is None else self.step)
+        return self._plant_on_grid[0]
+
+    @property
+    def _plant_on_grid(self) -> tuple[Array, Complex, Complex]:
+        return curve_on_grid(self.curve, self.band_rad_s, _STEP if self.step is None else self.step)
 
     @cached_property
     def log_controller(self) -> BodeForm:
@@ -127,19 +131,17 @@ class MeasuredLoop:
 
     def at(self, u: Array) -> LoopPoints:
         """The loop at u, shape (n,)."""
-        controller, of_controller = self._controller_at(u)
-        plant, of_plant = self.curve.log_and_slope_at(u)
-        return LoopPoints(
-            u, controller.real, plant.real, controller.imag + plant.imag, of_controller.imag + of_plant.imag
-        )
+        return self._points(u, *self.curve.log_and_slope_at(u))
 
-    def _controller_at(self, u: Array) -> tuple[Complex, Complex]:
-        return self.log_controller.value_and_derivative(np.zeros(len(u), dtype=np.intp), u)
+    def _points(self, u: Array, plant: Complex, slope: Complex) -> LoopPoints:
+        controller, rise = self.log_controller.value_and_derivative(np.zeros(len(u), dtype=np.intp), u)
+        return LoopPoints(u, controller.real, plant.real, controller.imag + plant.imag, rise.imag + slope.imag)
 
     @cached_property
     def on_grid(self) -> LoopPoints:
         """The loop on the grid."""
-        return self.at(self.grid)
+        u, plant, slope = self._plant_on_grid
+        return self._points(u, plant, slope)
 
     def extreme(
         self, value: Callable[[LoopPoints], Array], largest: bool, from_rad_s: float, to_rad_s: float
@@ -216,6 +218,13 @@ def band_grid(curve: Curve, band_rad_s: tuple[float, float], step: float) -> Arr
         )
     return np.concatenate([*(np.linspace(a, b, int(n), endpoint=False)
                              for a, b, n in zip(knots[:-1], knots[1:], parts, strict=True)), [high]])  # fmt: skip
+
+
+@lru_cache(64)
+def curve_on_grid(curve: Curve, band_rad_s: tuple[float, float], step: float) -> tuple[Array, Complex, Complex]:
+    """`band_grid` and there ln P and its slope; kept, as every controller asks for them."""
+    u = band_grid(curve, band_rad_s, step)
+    return u, *curve.log_and_slope_at(u)
 
 
 def _part_of(grid: Array, from_rad_s: float, to_rad_s: float) -> Array:

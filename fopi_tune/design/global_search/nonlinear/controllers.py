@@ -26,6 +26,7 @@ class Kind(NamedTuple):
         slopes: whether a slot has a slope of the phase.
         rise_corners: of a derivative's filter.
         filtered: whether a measurement filter makes |C S| smaller.
+        measured: whether plants are pieces of measured curves.
     """
 
     corners: int = 0
@@ -37,6 +38,7 @@ class Kind(NamedTuple):
     slopes: bool = False
     rise_corners: int = 0
     filtered: bool = False
+    measured: bool = False
 
     @classmethod
     def of(cls, sampling: Sampling, orders: bool = False) -> tuple[Kind, Array]:

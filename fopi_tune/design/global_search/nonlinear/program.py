@@ -86,6 +86,38 @@ def _polynomial(coefficients: Any, omega: Any) -> tuple[Any, Any]:
     return real, imag
 
 
+def _polynomials(p: Any, omega: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
+    """N, D and ln|N/D| of a slot's plant."""
+    top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
+    return top, bottom, _log_size(top) - _log_size(bottom)
+
+
+def measured_plant(p: Any, v: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
+    """A numerator and a denominator with the phase of a slot's measured plant times F, and ln|F P|.
+
+    The first parameters are the ends of the piece of the curve that the slot's frequency is on, and of ln|P| and of the
+    phase the values there and the slopes times its length (`core/measured/curve.py`); beyond its ends the curve goes
+    on straight.
+
+    Args:
+        p: the slot's parameters.
+        v: its frequency.
+    """
+    low, high = p[0], p[1]
+    length = high - low
+    part = ca.fmin(ca.fmax((v - low) / length, 0.0), 1.0)
+    below, above = ca.fmin((v - low) / length, 0.0), ca.fmax((v - high) / length, 0.0)
+    values = []
+    for first in (2, 6):
+        start, end, a, b = (p[first + k] for k in range(4))
+        rise = end - start
+        cubic = part * (a + part * (3.0 * rise - 2.0 * a - b + part * (a + b - 2.0 * rise)))
+        values.append(start + cubic + a * below + b * above)
+    omega = ca.exp(v)
+    bottom = 1.0 - p[LAG_SQUARE] * omega**2, p[LAG] * omega
+    return (ca.cos(values[1]), ca.sin(values[1])), bottom, values[0] - _log_size(bottom)
+
+
 def _log_size(a: tuple[Any, Any]) -> Any:
     return 0.5 * ca.log(a[0] ** 2 + a[1] ** 2)
 
@@ -103,10 +135,10 @@ def _slot(
         return p[INDEX[name]]
 
     omega = ca.exp(v)
-    top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
+    top, bottom, log_plant = measured_plant(p, v) if kind.measured else _polynomials(p, omega)
     controller, half = controller_parts(kp, ki, third, v, made), None if made is None else made.half
     log_c = _log_size(controller)
-    log_l = log_c + _log_size(top) - _log_size(bottom)
+    log_l = log_c + log_plant
     # C N conj(D) has the phase of C P; `near` selects the branch
     product = times(times(controller, top), (bottom[0], -bottom[1]))
     turned = times(product, (ca.cos(of("near")), -ca.sin(of("near"))))

@@ -86,6 +86,7 @@ def solve(
     whole += [log_ki - math.log(scale_kd), -box.log_omega] if structure.has_orders else []
     kind, numbers = Kind.of(problem.scaled.sampling, structure.has_orders)
     kind = kind._replace(peaks=_asks(slots, "peak"), slopes=_asks(slots, "slope"))
+    kind = kind._replace(measured=problem.spec.is_measured)
     kind = kind._replace(filtered=problem.scale.measurement_filter is not None and _asks(slots, "log_c"))
     parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, numbers])
     start = np.clip(np.concatenate([z, [t], v]), low, high)
