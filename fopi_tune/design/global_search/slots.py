@@ -24,7 +24,7 @@ from fopi_tune.design.global_search.compiled import (
     T,
 )
 from fopi_tune.design.global_search.controllers import FILTER, MU
-from fopi_tune.design.global_search.nonlinear.program import ERRORS, INDEX, PARAMETERS
+from fopi_tune.design.global_search.nonlinear.program import ERRORS, INDEX, KNOTS, MEASURED_PARAMETERS, PARAMETERS
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
     AT_GAIN,
@@ -68,9 +68,15 @@ class Slot:
     by_level: bool = False
 
 
-def idle_slot(plant: Array) -> Slot:
-    """A slot that asks for nothing."""
-    p = np.zeros(PARAMETERS)
+def idle_slot(plant: Array, is_measured: bool = False) -> Slot:
+    """A slot that asks for nothing.
+
+    Args:
+        plant: its coefficients.
+        is_measured: whether the program's plants are measured curves.
+    """
+    p = np.zeros(MEASURED_PARAMETERS if is_measured else PARAMETERS)
+    p[PARAMETERS : PARAMETERS + KNOTS] = np.arange(float(KNOTS))[: len(p) - PARAMETERS]
     p[:COEFFICIENTS] = plant
     p[INDEX["fixed"]] = p[INDEX["limit"]] = p[INDEX["sign"]] = 1.0
     return Slot(p, 0.0, -1)

@@ -92,7 +92,7 @@ class MeasuredPolish(Polish):
         """The nominal crossover where a spread needs it, else an idle slot."""
         if self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD) and len(nominal.gain_crossovers):
             return reference_slot(nominal, self.problem.scale, self.code == MARGIN_SPREAD)
-        return idle_slot(self.table.members[0])
+        return idle_slot(self.table.members[0], True)
 
     def _violated(self, x: Array, findings: list[Array]) -> list[Array]:
         """Those of older findings that are violated at gains where their peaks or crossings are now."""

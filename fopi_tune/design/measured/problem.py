@@ -216,8 +216,8 @@ def _table(family: MeasuredFamily, scaled: Scaled, named: Array) -> Table:
     omega[0], omega[-1] = 0.0, np.inf
     linear, none = np.exp(gain), np.zeros(m)
     members = np.zeros((m, COEFFICIENTS))
-    # an idle slot's piece of a curve has a length; an entry that is read as N(0)/D(0) is not 0
-    members[:, 1] = members[:, WIDTH - 1] = members[:, 2 * WIDTH - 1] = 1.0
+    # read as N(0)/D(0), which is neither 0 nor infinite
+    members[:, WIDTH - 1] = members[:, 2 * WIDTH - 1] = 1.0
     filter_gain = np.concatenate([[0.0], filtered.real, [filtered.real[-1]]])
     return Table(
         v, omega, gain, phase, linear * np.cos(phase), linear * np.sin(phase), none,

@@ -1,7 +1,7 @@
-"""Findings of measured responses -> slots of the program:  the piece of the curve at each frequency and its row.
+"""Findings of measured responses -> slots of the program:  the curve about each frequency, and its row.
 
-As `global_search/slots.py`, with a curve in place of a transfer function: a slot's plant is the cubic on which its
-frequency is, which goes on straight beyond its ends (`global_search/nonlinear/program.py`).
+As `global_search/slots.py`, with a curve in place of a transfer function: a slot's plant is a piece of the curve
+(`global_search/nonlinear/program.py`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.measured.curve import Curve
+from fopi_tune.core.measured.curve import Curve, hermite
 from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import (
@@ -28,19 +28,24 @@ from fopi_tune.design.global_search.compiled import (
     S,
     T,
 )
-from fopi_tune.design.global_search.nonlinear.program import INDEX, PARAMETERS
+from fopi_tune.design.global_search.nonlinear.program import INDEX, KNOTS, MEASURED_PARAMETERS, PARAMETERS
 from fopi_tune.design.global_search.responses import AT_FIXED, AT_GAIN, AT_PEAK, AT_PHASE, AT_REFERENCE
 from fopi_tune.design.global_search.slots import Slot
-from fopi_tune.design.global_search.tables import COEFFICIENTS, DELAY, LAG, LAG_SQUARE
+from fopi_tune.design.global_search.tables import DELAY, LAG, LAG_SQUARE
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 
 _PI = math.pi
+#: points of the curve itself, and distances in v of further ones from these; together as many as the program has
+_OWN, _FURTHER = 4, np.array([0.06, 0.2, 0.6])
 _EQUATION = {AT_PEAK: "peak", AT_FIXED: "fixed", AT_GAIN: "gain", AT_PHASE: "phase", AT_REFERENCE: "reference"}
 _MARGINS = (PHASE_MARGIN, GAIN_MARGIN, DELAY_MARGIN)
 
 
-def piece_of(curve: Curve, v: float, scale: Scale) -> Array:
-    """The plant's parameters of a slot at a frequency, shape (21,).
+def plant_at(curve: Curve, v: float, scale: Scale) -> Array:
+    """A slot's parameters with its plant about a frequency, the others 0; shape (MEASURED_PARAMETERS,).
+
+    The piece of the curve on which it is and both of its neighbours are those of the curve itself; further away there
+    are fewer points.
 
     Args:
         curve: the response.
@@ -49,14 +54,20 @@ def piece_of(curve: Curve, v: float, scale: Scale) -> Array:
     """
     unit = math.log(scale.omega_rad_s)
     k = int(np.clip(np.searchsorted(curve.u, v + unit, side="right") - 1, 0, len(curve.u) - 2))
-    length = curve.u[k + 1] - curve.u[k]
-    p = np.zeros(COEFFICIENTS)
-    p[0], p[1] = curve.u[k] - unit, curve.u[k + 1] - unit
-    for first, values, slopes in zip((2, 6), (curve.log_gain, curve.phase_rad), curve.slopes, strict=True):
-        p[first : first + 4] = values[k], values[k + 1], slopes[k] * length, slopes[k + 1] * length
-    p[2:4] -= math.log(scale.gain)
+    first = min(max(k - 1, 0), len(curve.u) - _OWN)
+    own = curve.u[first : first + _OWN]
+    u = np.concatenate([own[0] - _FURTHER[::-1], own, own[-1] + _FURTHER])
+    inside = np.clip(u, curve.u[0], curve.u[-1])
+    p = np.zeros(MEASURED_PARAMETERS)
     p[DELAY] = curve.dead_time_s * scale.omega_rad_s
     p[LAG], p[LAG_SQUARE] = scale.lag_and_square
+    knots = p[PARAMETERS:].reshape(5, KNOTS)
+    knots[0] = u - unit
+    for row, values, slopes in zip((1, 3), (curve.log_gain, curve.phase_rad), curve.slopes, strict=True):
+        value, slope = hermite(curve.u, values, slopes, inside)
+        # beyond its ends the curve goes on straight
+        knots[row], knots[row + 1] = value + slope * (u - inside), slope
+    knots[1] -= math.log(scale.gain)
     return p
 
 
@@ -71,8 +82,7 @@ def reference_slot(loop: MeasuredLoop, scale: Scale, by_margin: bool) -> Slot:
     u = loop.gain_crossovers
     u = u[[int(loop.at(u).phase_margin_rad.argmin())]] if by_margin else u[-1:]
     phase, v = float(loop.at(u).phase_rad[0]), float(u[0]) - math.log(scale.omega_rad_s)
-    p = np.zeros(PARAMETERS)
-    p[:COEFFICIENTS] = piece_of(loop.curve, v, scale)
+    p = plant_at(loop.curve, v, scale)
     p[INDEX["sign"]] = p[INDEX["gain"]] = 1.0
     p[INDEX["near"]] = phase + math.exp(u[0]) * loop.curve.dead_time_s
     _set_angle(p, phase)
@@ -125,8 +135,7 @@ def _is_another_crossing(finding: Array, findings: list[Array]) -> bool:
 
 def _slot(finding: Array, q: int, loop: MeasuredLoop, rows: Rows, scale: Scale, in_t: float) -> Slot:
     kind, side, mode, v = int(rows.kind[q]), int(rows.side[q]), int(finding[MODE]), float(finding[V])
-    p = np.zeros(PARAMETERS)
-    p[:COEFFICIENTS] = piece_of(loop.curve, v, scale)
+    p = plant_at(loop.curve, v, scale)
     p[INDEX["near"]], p[INDEX["v0"]] = finding[NEAR], v
     p[INDEX["sign"]] = (float(side) if side else 1.0) * rows.scale[q]
     p[INDEX["limit"]] = rows.limit[q]

@@ -48,6 +48,9 @@ NAMES = (
     "offset", "sign", "limit", "with_t", "with_reference", "is_first",
 )  # fmt: skip
 PARAMETERS = COEFFICIENTS + len(NAMES)
+#: points of a measured curve about a slot's frequency, and a slot's parameters with them
+KNOTS = 10
+MEASURED_PARAMETERS = PARAMETERS + 5 * KNOTS
 INDEX = {name: COEFFICIENTS + k for k, name in enumerate(NAMES)}
 SIZES = (4, 8, 16, 32)
 #: rows for the discounted error
@@ -95,24 +98,23 @@ def _polynomials(p: Any, omega: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], 
 def measured_plant(p: Any, v: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
     """A numerator and a denominator with the phase of a slot's measured plant times F, and ln|F P|.
 
-    The first parameters are the ends of the piece of the curve that the slot's frequency is on, and of ln|P| and of the
-    phase the values there and the slopes times its length (`core/measured/curve.py`); beyond its ends the curve goes
-    on straight.
+    Behind the other parameters are `KNOTS` points about the slot's frequency: v, ln|P| and its slopes, the phase and
+    its slopes.  Between them the curve is cubic, as in `core/measured/curve.py`, and beyond them it goes on straight.
 
     Args:
         p: the slot's parameters.
         v: its frequency.
     """
-    low, high = p[0], p[1]
-    length = high - low
-    part = ca.fmin(ca.fmax((v - low) / length, 0.0), 1.0)
-    below, above = ca.fmin((v - low) / length, 0.0), ca.fmax((v - high) / length, 0.0)
+    at, *columns = (p[PARAMETERS + KNOTS * k : PARAMETERS + KNOTS * (k + 1)] for k in range(5))
     values = []
-    for first in (2, 6):
-        start, end, a, b = (p[first + k] for k in range(4))
-        rise = end - start
-        cubic = part * (a + part * (3.0 * rise - 2.0 * a - b + part * (a + b - 2.0 * rise)))
-        values.append(start + cubic + a * below + b * above)
+    for y, slope in (columns[:2], columns[2:]):
+        value = y[0] + slope[0] * ca.fmin(v - at[0], 0.0) + slope[KNOTS - 1] * ca.fmax(v - at[KNOTS - 1], 0.0)
+        for k in range(KNOTS - 1):
+            length = at[k + 1] - at[k]
+            part = ca.fmin(ca.fmax((v - at[k]) / length, 0.0), 1.0)
+            rise, a, b = y[k + 1] - y[k], slope[k] * length, slope[k + 1] * length
+            value += part * (a + part * (3.0 * rise - 2.0 * a - b + part * (a + b - 2.0 * rise)))
+        values.append(value)
     omega = ca.exp(v)
     bottom = 1.0 - p[LAG_SQUARE] * omega**2, p[LAG] * omega
     return (ca.cos(values[1]), ca.sin(values[1])), bottom, values[0] - _log_size(bottom)
@@ -181,7 +183,10 @@ def solver_of(size: int, kind: Kind) -> Any:
     orders also kd, the slots' rows, the error rows, the slots' equations.
     """
     z, v = ca.SX.sym("z", kind.unknowns + 1), ca.SX.sym("v", size)
-    p, errors = ca.SX.sym("p", PARAMETERS, size), ca.SX.sym("errors", 3, ERRORS)
+    p, errors = (
+        ca.SX.sym("p", MEASURED_PARAMETERS if kind.measured else PARAMETERS, size),
+        ca.SX.sym("errors", 3, ERRORS),
+    )
     whole = ca.SX.sym("whole", len(WHOLE_WITH_ORDERS if kind.orders else WHOLE))
     kp, ki, third, t = z[0] * whole[4], z[1] * whole[5], z[2] * whole[6], z[kind.unknowns]
     numbers = ca.SX.sym("numbers", kind.parameters)

@@ -44,7 +44,7 @@ def solve(
     box, structure = problem.box, problem.structure
     units, count = structure.units(x), len(x)
     z = x / units
-    idle = idle_slot(problem.fine_table.members[0])
+    idle = idle_slot(problem.fine_table.members[0], problem.spec.is_measured)
     padded = slots + [idle] * (size - len(slots))
     low, high = np.full(count + 1 + size, -np.inf), np.full(count + 1 + size, np.inf)
     low[0], high[0] = box.kp_low / units[0], box.kp_high / units[0]
