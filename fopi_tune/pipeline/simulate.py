@@ -28,6 +28,7 @@ from fopi_tune.results.stamp import stamp
 from fopi_tune.simulation.notes import bumpless_notes, limit_notes, rate_notes, setpoint_notes
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.digests import digests_of
+from fopi_tune.spec.lists.members import refuse_measured
 from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, DigitalSpec, ScenarioSpec, ValidationSpec
 
@@ -69,6 +70,7 @@ def simulate(
     from fopi_tune.digital.implementation import implementation_of
 
     spec = load_spec(source)
+    refuse_measured(spec, "a simulation")
     drawn = override_validation(spec.validation, samples, seed)
     spec = replace(spec, validation=drawn)
     point = refuse_simulation(
@@ -132,6 +134,7 @@ def refuse_simulation(
         SpecError, DomainError: as `simulate`.
     """
     spec = load_spec(source)
+    refuse_measured(spec, "a simulation")
     refuse_accuracy(accuracy, exact or spec.digital is None)
     point = plant_point(spec.plant, override_validation(spec.validation, samples, seed), plant, replay, member)
     if not spec.scenarios:

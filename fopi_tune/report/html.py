@@ -15,6 +15,13 @@ from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
 from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
 from fopi_tune.report.figures.members import Members, members_of
+from fopi_tune.report.figures.measured import (
+    MeasuredMembers,
+    measured_bode,
+    measured_members,
+    measured_nyquist,
+    measured_sensitivities,
+)
 from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.plots import digital_picture
 from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, slider_of
@@ -48,8 +55,10 @@ def report_files(documents: ResultDocuments) -> dict[str, str | bytes]:
     Returns:
         `report.html` last, as text; figures as text (SVG) and bytes (PNG).
     """
-    members, evidence = members_of(documents), documents.evidence
+    measured, evidence = measured_members(documents), documents.evidence
+    members = members_of(documents)
     of_loop = [] if members is None else list(render_figures(_LOOP_FIGURES, members))
+    of_loop += [] if measured is None else list(render_figures(_MEASURED_FIGURES, measured))
     of_filter = list(render_figures({"digital": digital_picture}, documents))
     of_plants = [] if evidence is None else list(render_figures({"plants": _histograms}, documents))
     values = {**_text_values(documents), **_slider_values(members)}
@@ -65,6 +74,12 @@ _LOOP_FIGURES: Mapping[str, Callable[[Members], Picture | None]] = {
     "sensitivities": sensitivities,
     "responses": step_responses,
     "margins": margins_along,
+}
+#: the same of measured responses
+_MEASURED_FIGURES: Mapping[str, Callable[[MeasuredMembers], Picture | None]] = {
+    "bode": measured_bode,
+    "nyquist": measured_nyquist,
+    "sensitivities": measured_sensitivities,
 }
 
 

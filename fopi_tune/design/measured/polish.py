@@ -49,8 +49,7 @@ class MeasuredPolish(Polish):
         self.width = 1
 
     def _loops(self, x: Array) -> list[MeasuredLoop]:
-        # the program may leave the ranges by rounding, and its gains are looked at as they are
-        return self.measured.measured_loops(self.problem.scale.controller(x))
+        return self.measured.measured_loops(self.problem.gains(x))
 
     def look(self, x: Array, within: float = _WITHIN) -> Array | None:
         """The worst cases at gains; None where a loop is not shown to be stable, or a quantity has no value.

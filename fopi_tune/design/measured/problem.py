@@ -114,6 +114,15 @@ class MeasuredProblem(Problem):
         first, last = super()._columns(constraint, table)
         return max(first, 1), min(last, len(table.v) - 2)
 
+    def gains(self, x: Array) -> FoPi:
+        """Scaled numbers of a controller, `x`, in the user's units, inside their ranges."""
+        ranges = self.spec.controller.alpha, self.spec.controller.mu
+        for k, side in enumerate(ranges, 3):
+            if len(x) > k and side is not None:
+                # the program may leave a range by rounding, which an order must not
+                x = np.where(np.arange(len(x)) == k, np.clip(x, side.min, side.max), x)
+        return super().gains(x)
+
     def measured_loops(self, gains: FoPi) -> list[MeasuredLoop]:
         """The loops of gains with every member."""
         family = self.family

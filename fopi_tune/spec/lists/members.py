@@ -61,7 +61,7 @@ def refuse_measured(spec: DesignSpec, what: str) -> None:
         DomainError: the spec has them.
     """
     if spec.is_measured:
-        raise DomainError(f"{what} needs the plant's transfer function: {NO_COEFFICIENTS}")
+        raise DomainError(f"{what}: {NO_COEFFICIENTS}")
 
 
 def requirements_of(requirements: Sequence[Requirement], member: int) -> tuple[int, ...]:
