@@ -14,7 +14,6 @@ from fopi_tune.report.document_shapes import CHECKED
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
 from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
-from fopi_tune.report.figures.members import Members, members_of
 from fopi_tune.report.figures.measured import (
     MeasuredMembers,
     measured_bode,
@@ -22,6 +21,7 @@ from fopi_tune.report.figures.measured import (
     measured_nyquist,
     measured_sensitivities,
 )
+from fopi_tune.report.figures.members import Members, members_of
 from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.plots import digital_picture
 from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, slider_of
