@@ -7,14 +7,14 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, MARGIN_SPREAD, NOTHING
-from fopi_tune.design.global_search.nonlinear.program import SIZES
+from fopi_tune.design.global_search.nonlinear.program import INDEX, SIZES
 from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
 from fopi_tune.design.global_search.polish import MEETS, OBJECTIVE_ROWS, Counts, Polish, with_objective
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.slots import Slot, error_rows, idle_slot, order_of
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, ROW, V
 from fopi_tune.design.measured.problem import MeasuredProblem
-from fopi_tune.design.measured.slots import measured_slots, reference_slot
+from fopi_tune.design.measured.slots import at_fixed_frequency, measured_slots, reference_slot
 from fopi_tune.design.measured.worst_cases import WorstCases
 from fopi_tune.errors import DomainError
 
@@ -83,9 +83,17 @@ class MeasuredPolish(Polish):
         surplus = [slot for slot in slots if slot.is_equal][len(x) :]
         slots = [slot for slot in slots if not any(slot is other for other in surplus)][: SIZES[-1]]
         size = next(s for s in SIZES if s >= len(slots))
-        self.counts.solves += 1
         errors = error_rows([], self.rows, self.problem.scaled, self.problem.box.log_horizon)
-        return solve(self.problem, self.code, slots, errors, x, t, radius, size, self.real_rows), len(slots)
+
+        def solved(slots: list[Slot]) -> Solved:
+            self.counts.solves += 1
+            return solve(self.problem, self.code, slots, errors, x, t, radius, size, self.real_rows)
+
+        answer = solved(slots)
+        if not answer.ok and any(slot.p[INDEX["peak"]] for slot in slots):
+            # a peak may be flat, or vanish on the way: its row is then kept at the frequency where it is now
+            answer = solved([at_fixed_frequency(slot) for slot in slots])
+        return answer, len(slots)
 
     def _reference(self, nominal: MeasuredLoop) -> Slot:
         """The nominal crossover where a spread needs it, else an idle slot."""

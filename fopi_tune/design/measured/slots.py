@@ -7,6 +7,7 @@ As `global_search/slots.py`, with a curve in place of a transfer function: a slo
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -119,6 +120,15 @@ def measured_slots(
             # the smallest margin equals the limit, so that of another crossing is no smaller:  value - limit >= 0
             slots[-1] = _opposite(slot)
     return slots
+
+
+def at_fixed_frequency(slot: Slot) -> Slot:
+    """A slot that follows a peak, kept at the frequency where it starts; another is itself."""
+    if not slot.p[INDEX["peak"]]:
+        return slot
+    p = slot.p.copy()
+    p[INDEX["peak"]], p[INDEX["fixed"]] = 0.0, 1.0
+    return replace(slot, p=p)
 
 
 def _opposite(slot: Slot) -> Slot:
