@@ -135,12 +135,14 @@ class Curve:
     def log_and_slope_at(self, u: Array) -> tuple[Complex, Complex]:
         """ln P, dead time included, and d ln P/du; shape of u."""
         inside = np.clip(u, self.u[0], self.u[-1])
-        gain, phase = (
-            hermite(self.u, values, slopes, inside)
-            for values, slopes in zip((self.log_gain, self.phase_rad), self.slopes, strict=True)
-        )
+        (gain, phase), (rise, turn) = hermite(self.u, *self._stacked, inside)
         lag = np.exp(inside) * self.dead_time_s
-        return gain[0] + 1j * (phase[0] - lag), gain[1] + 1j * (phase[1] - lag)
+        return gain + 1j * (phase - lag), rise + 1j * (turn - lag)
+
+    @cached_property
+    def _stacked(self) -> tuple[Array, Array]:
+        """ln|P| and the phase as one table, and their slopes; shape (2, n)."""
+        return np.array([self.log_gain, self.phase_rad]), np.array(self.slopes)
 
     @property
     def interpolation_error(self) -> InterpolationError:
@@ -200,14 +202,24 @@ def _end_slope(h0: float, h1: float, s0: float, s1: float) -> float:
 
 
 def hermite(u: Array, y: Array, slopes: Array, at: Array) -> tuple[Array, Array]:
-    """Value and slope of the cubics with these values and slopes at points u, at places inside; shapes of `at`."""
+    """Value and slope of the cubics with these values and slopes at points u, at places inside.
+
+    Args:
+        u: points, shape (n,).
+        y: values, shape (..., n), and their `slopes`.
+        at: places, shape (k,).
+
+    Returns:
+        Shapes (..., k).
+    """
     k = np.clip(np.searchsorted(u, at, side="right") - 1, 0, len(u) - 2)
     h = u[k + 1] - u[k]
     t = (at - u[k]) / h
-    rise, a, b = y[k + 1] - y[k], slopes[k] * h, slopes[k + 1] * h
+    first, a, b = y[..., k], slopes[..., k] * h, slopes[..., k + 1] * h
+    rise = y[..., k + 1] - first
     # y_k + a t + (3 rise - 2 a - b) t^2 + (a + b - 2 rise) t^3
     second, third = 3.0 * rise - 2.0 * a - b, a + b - 2.0 * rise
-    return y[k] + t * (a + t * (second + t * third)), (a + t * (2.0 * second + 3.0 * t * third)) / h
+    return first + t * (a + t * (second + t * third)), (a + t * (2.0 * second + 3.0 * t * third)) / h
 
 
 def _low_end(u: Array, gain: Array, phase: Array) -> LowEnd | None:

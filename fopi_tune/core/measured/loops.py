@@ -22,8 +22,11 @@ from fopi_tune.errors import DomainError
 _STEP, _PARTS, _TURN = 0.02, 4, 0.3
 #: columns of a grid
 _MOST_COLUMNS = 400_000
-#: golden sections, and halvings, of a refinement
-_SECTIONS, _HALVINGS = 34, 44
+#: golden sections before a parabola, and steps to a crossing
+_SECTIONS, _CROSSING_STEPS = 14, 24
+#: a refined extreme is beyond that of the columns by at most this part of the differences to their neighbours, of which
+#: a parabola has an eighth
+_BEYOND = 0.5
 _GOLDEN = 0.5 * (5.0**0.5 - 1.0)
 
 
@@ -147,7 +150,7 @@ class MeasuredLoop:
         self, value: Callable[[LoopPoints], Array], largest: bool, from_rad_s: float, to_rad_s: float
     ) -> tuple[float, float]:
         """The largest or smallest value of a function over a part of the band: value, u; nan outside of the band."""
-        places = self.extremes(value, largest, from_rad_s, to_rad_s)
+        places = self.extremes(value, largest, from_rad_s, to_rad_s, within=0.0)
         if not len(places):
             return np.nan, np.nan
         values = value(self.at(places))
@@ -155,9 +158,22 @@ class MeasuredLoop:
         return float(values[k]), float(places[k])
 
     def extremes(
-        self, value: Callable[[LoopPoints], Array], largest: bool, from_rad_s: float, to_rad_s: float
+        self,
+        value: Callable[[LoopPoints], Array],
+        largest: bool,
+        from_rad_s: float,
+        to_rad_s: float,
+        within: float = np.inf,
     ) -> Array:
-        """u of every local extreme of a function over a part of the band, ends included; refined; shape (k,)."""
+        """u of the local extremes of a function over a part of the band, ends included; refined; shape (k,).
+
+        Args:
+            value: the function, of a loop's points.
+            largest: whether they are maxima.
+            from_rad_s: lower end.
+            to_rad_s: upper end.
+            within: those that are further than this from the most extreme one may be left out.
+        """
         u = _part_of(self.grid, from_rad_s, to_rad_s)
         if len(u) < 2:
             return u
@@ -165,6 +181,8 @@ class MeasuredLoop:
         y = sign * value(self.at(u))
         y = np.where(np.isnan(y), -np.inf, y)
         inner = np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:])) + 1
+        more = _BEYOND * (2.0 * y[inner] - y[inner - 1] - y[inner + 1])
+        inner = inner[~(y[inner] + more < y.max() - within)]
         refined = _refined(lambda at: sign * value(self.at(at)), u[inner - 1], u[inner + 1])
         ends = [u[:1]] if y[0] > y[1] else []
         ends += [u[-1:]] if y[-1] >= y[-2] else []
@@ -182,19 +200,16 @@ class MeasuredLoop:
 
     def _crossings(self, value: Callable[[LoopPoints], Array], most_jump: float = np.inf) -> Array:
         """u where a function is 0, also twice between two columns; a jump over `most_jump` is none."""
-        u = np.union1d(self.grid, _turning(self, value))
-        y = value(self.at(u))
+        turning = _turning(self, value)
+        u = np.union1d(self.grid, turning) if len(turning) else self.grid
+        y = value(self.at(u) if len(turning) else self.on_grid)
         change = (y[1:] > 0.0) != (y[:-1] > 0.0)
         rows = np.flatnonzero(change & (np.abs(np.diff(y)) < most_jump))
-        low, high, at_low = u[rows], u[rows + 1], y[rows]
-        for _ in range(_HALVINGS if len(rows) else 0):
-            middle = 0.5 * (low + high)
-            here = value(self.at(middle))
-            same = (here > 0.0) == (at_low > 0.0)
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        return 0.5 * (low + high)
+        return _zeros(lambda at: value(self.at(at)), u[rows], u[rows + 1], y[rows], y[rows + 1])
 
 
+#: of a function and of u: what is smaller is rounding
+_ZERO = 1e-13
 #: rad; larger jumps of the angle from -1 are its own
 _HALF_TURN = np.pi
 
@@ -244,13 +259,38 @@ def _turning(loop: MeasuredLoop, value: Callable[[LoopPoints], Array]) -> Array:
     u, y = loop.grid, value(loop.on_grid)
     size = np.abs(y)
     inner = np.flatnonzero((size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])) + 1
-    near = inner[size[inner] < 2.0 * (np.abs(y[inner + 1] - y[inner]) + np.abs(y[inner] - y[inner - 1]))]
+    around = np.abs(y[inner + 1] - y[inner]) + np.abs(y[inner] - y[inner - 1])
+    same = (y[inner - 1] > 0.0) == (y[inner] > 0.0)
+    near = inner[(size[inner] < _BEYOND * around) & same & ((y[inner + 1] > 0.0) == (y[inner] > 0.0))]
     sign = np.where(y[near] > 0.0, -1.0, 1.0)
     return _refined(lambda at: sign * value(loop.at(at)), u[near - 1], u[near + 1])
 
 
+def _zeros(value: Callable[[Array], Array], low: Array, high: Array, at_low: Array, at_high: Array) -> Array:
+    """A zero between each `low` and `high`, where the function has different signs, shape (k,); false position.
+
+    An end that stays twice counts half (the Illinois rule).
+    """
+    if not len(low):
+        return low
+    middle = low
+    for _ in range(_CROSSING_STEPS):
+        middle = np.clip((low * at_high - high * at_low) / (at_high - at_low), low, high)
+        here = value(middle)
+        same = (here > 0.0) == (at_low > 0.0)
+        at_high = np.where(same, 0.5 * at_high, here)
+        at_low = np.where(same, here, 0.5 * at_low)
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+        if np.all((np.abs(here) < _ZERO) | (high - low < _ZERO)):
+            break
+        # a value that became 0 keeps a sign
+        at_low = np.where(at_low == 0.0, -1e-300 * np.sign(at_high), at_low)
+        at_high = np.where(at_high == 0.0, -1e-300 * np.sign(at_low), at_high)
+    return middle
+
+
 def _refined(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
-    """The largest value between each `low` and `high` by golden sections, shape (k,)."""
+    """The largest value between each `low` and `high`, by golden sections and a parabola, shape (k,)."""
     if not len(low):
         return low
     a, b = low.copy(), high.copy()
@@ -263,4 +303,14 @@ def _refined(value: Callable[[Array], Array], low: Array, high: Array) -> Array:
         at_new = value(new)
         x, y = np.where(left, new, y), np.where(left, x, new)
         at_x, at_y = np.where(left, at_new, at_y), np.where(left, at_x, at_new)
-    return 0.5 * (a + b)
+    best, other = np.where(at_x > at_y, x, y), np.where(at_x > at_y, y, x)
+    at_best, at_other = np.maximum(at_x, at_y), np.minimum(at_x, at_y)
+    third = np.where(best > other, b, a)
+    p, q = best - other, best - third
+    # the vertex of the parabola through three points
+    top = p * p * (at_best - value(third)) - q * q * (at_best - at_other)
+    bottom = p * (at_best - value(third)) - q * (at_best - at_other)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = best - 0.5 * top / bottom
+    vertex = np.where(np.isfinite(vertex), np.clip(vertex, a, b), best)
+    return np.where(value(vertex) > at_best, vertex, best)

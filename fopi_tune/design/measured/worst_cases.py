@@ -140,7 +140,7 @@ class WorstCases:
         unit = math.log(self.scale.omega_rad_s)
         low, high = (max(min(float(end) + unit, loop.grid[-1]), loop.grid[0])
                      for end in (self.rows.low_v[q], self.rows.high_v[q]))  # fmt: skip
-        u = loop.extremes(lambda points: -self.slack(q, points), True, math.exp(low), math.exp(high))
+        u = loop.extremes(lambda points: -self.slack(q, points), True, math.exp(low), math.exp(high), _LESS_DEEP)
         ends = (u < low + _AT_END) | (u > high - _AT_END)
         return u, np.where(ends, AT_FIXED, AT_PEAK)
 
