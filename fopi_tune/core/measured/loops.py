@@ -273,16 +273,17 @@ def _zeros(value: Callable[[Array], Array], low: Array, high: Array, at_low: Arr
     """
     if not len(low):
         return low
-    middle = low
+    middle, kept = low, np.zeros(len(low))
     for _ in range(_CROSSING_STEPS):
         middle = np.clip((low * at_high - high * at_low) / (at_high - at_low), low, high)
         here = value(middle)
-        same = (here > 0.0) == (at_low > 0.0)
-        at_high = np.where(same, 0.5 * at_high, here)
-        at_low = np.where(same, here, 0.5 * at_low)
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
         if np.all((np.abs(here) < _ZERO) | (high - low < _ZERO)):
             break
+        same = (here > 0.0) == (at_low > 0.0)
+        at_high = np.where(same, np.where(kept > 0.0, 0.5 * at_high, at_high), here)
+        at_low = np.where(same, here, np.where(kept < 0.0, 0.5 * at_low, at_low))
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+        kept = np.where(same, 1.0, -1.0)
         # a value that became 0 keeps a sign
         at_low = np.where(at_low == 0.0, -1e-300 * np.sign(at_high), at_low)
         at_high = np.where(at_high == 0.0, -1e-300 * np.sign(at_low), at_high)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
@@ -9,7 +12,15 @@ from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, MARGIN_SPREAD, NOTHING
 from fopi_tune.design.global_search.nonlinear.program import INDEX, SIZES
 from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
-from fopi_tune.design.global_search.polish import MEETS, OBJECTIVE_ROWS, Counts, Polish, with_objective
+from fopi_tune.design.global_search.polish import (
+    FIRST_RADIUS,
+    MEETS,
+    OBJECTIVE_ROWS,
+    Counts,
+    Polish,
+    Polished,
+    with_objective,
+)
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.slots import Slot, error_rows, idle_slot, order_of
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, ROW, V
@@ -24,6 +35,9 @@ _NO_CONTROLLER = 1e-9
 _WITHIN = 0.25
 #: |v| within which a frequency is that of an older finding
 _NEAR = 0.2
+#: the last radius of a search that has not settled; of the pattern search: steps relative to the gains, the first and the last, looks, and the gain of a step that counts
+_SMALLEST_RADIUS = 0.03
+_FIRST_STEP, _LAST_STEP, _MOST_LOOKS, _LEAST_GAIN = 0.05, 2e-4, 150, 1e-7
 
 
 def polish_of(problem: Problem, counts: Counts | None = None) -> Polish:
@@ -50,6 +64,50 @@ class MeasuredPolish(Polish):
 
     def _loops(self, x: Array) -> list[MeasuredLoop]:
         return self.measured.measured_loops(self.problem.gains(x))
+
+    def run(self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf) -> Polished | None:
+        """The exchange; where that of the smallest radius does not settle, as among peaks of noise, a pattern search.
+
+        Args:
+            x: the start.
+            radius: of the first step, relative to the gains.
+            hopeless: a cost; a result with more is not improved further.
+        """
+        found = super().run(x, radius, hopeless)
+        if found is None or found.settled or found.cost > hopeless or radius > _SMALLEST_RADIUS:
+            return found
+        return self._searched(found)
+
+    def _stalls(self, known: Polished | None, cost: float, violation: float) -> bool:
+        """Whether a solve that promised better gains ended at none, at a peak that it did not know of."""
+        return known is not None and violation <= MEETS and cost >= known.cost - 1e-9 * max(1.0, abs(cost))
+
+    def _searched(self, known: Polished) -> Polished:
+        """Better gains by steps along each number and along the last step that led down."""
+        size, looks, last = _FIRST_STEP, self.counts.looks, np.zeros(len(known.x))
+        while size > _LAST_STEP and self.counts.looks < looks + _MOST_LOOKS:
+            units = size * np.maximum(np.abs(known.x), 1e-3 * self.problem.structure.size(known.x))
+            units[known.x == 0.0] = 0.0
+            ways = [last, *(sign * row for row in np.diag(units) for sign in (1.0, -1.0))]
+            better = None
+            for way in ways:
+                better = self._better(known.x + way, known) if way.any() else None
+                if better is not None:
+                    last, known = 2.0 * way, better
+                    break
+            if better is None:
+                size, last = 0.5 * size, np.zeros(len(known.x))
+        return known
+
+    def _better(self, x: Array, known: Polished) -> Polished | None:
+        """Gains at which nothing is violated and whose cost is smaller; None where they are not."""
+        x = self.problem.scale.scaled(self.problem.gains(x))
+        found = self.look(x)
+        if found is None or self.violation(found) > MEETS:
+            return None
+        cost = self.cost(found, x)
+        is_better = cost < known.cost - _LEAST_GAIN * max(1.0, abs(known.cost))
+        return replace(known, cost=cost, x=x) if is_better else None
 
     def look(self, x: Array, within: float = _WITHIN) -> Array | None:
         """The worst cases at gains; None where a loop is not shown to be stable, or a quantity has no value.

@@ -33,6 +33,8 @@ from fopi_tune.design.global_search.responses import AT_FIXED, AT_GAIN, AT_PEAK,
 
 #: natural units: findings of a row this much less deep than its worst are left out
 _LESS_DEEP = 0.25
+#: natural units: a row whose slack between columns may be so much smaller than on them
+_MUCH_DEEPER = 1.0
 #: findings of a row and member
 _MOST_OF_A_ROW = 4
 #: v within which a place is an end of a band
@@ -140,6 +142,11 @@ class WorstCases:
         unit = math.log(self.scale.omega_rad_s)
         low, high = (max(min(float(end) + unit, loop.grid[-1]), loop.grid[0])
                      for end in (self.rows.low_v[q], self.rows.high_v[q]))  # fmt: skip
+        if q < self.real_rows:
+            inside = (loop.grid >= low) & (loop.grid <= high)
+            slack = self.slack(q, loop.on_grid)[inside]
+            if len(slack) and slack.min() > self.within + _MUCH_DEEPER:
+                return np.zeros(0), np.zeros(0)
         u = loop.extremes(lambda points: -self.slack(q, points), True, math.exp(low), math.exp(high), _LESS_DEEP)
         ends = (u < low + _AT_END) | (u > high - _AT_END)
         return u, np.where(ends, AT_FIXED, AT_PEAK)
