@@ -10,7 +10,7 @@ from typing import Any
 from fopi_tune.core.plant import PLANT_MODELS, PlantModel
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
-from fopi_tune.spec.frequency_response.plants import resolve_responses
+from fopi_tune.spec.frequency_response.plants import resolve_responses, sha256_with_data
 from fopi_tune.spec.frequency_response.refusals import refuse_for_measured
 from fopi_tune.spec.lists.parameters import PARAMETERS, shared_parameters_shape, with_shared_parameters
 from fopi_tune.spec.lists.plants import plants_shape, refuse_both_words, refuse_for_lists
@@ -120,7 +120,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
         limits=tuple(each.limit for each in values.get("limits") or ()),
         scenario_requirements=tuple(each.limit for each in measured),
         description=values.get("description", ""),
-        sha256=sha256,
+        sha256=sha256_with_data(sha256, values["plant"]),
         schema=values["schema"],
     )
 

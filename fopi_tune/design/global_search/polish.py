@@ -381,13 +381,7 @@ def _is_of(finding: Array, places: tuple[tuple[int, float], ...]) -> bool:
 
 
 def with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) -> Rows:
-    """The rows of requirements, then those of the objective.
-
-    Args:
-        own: of the requirements.
-        more: kind and side of each of the objective's.
-        table: whose columns they are about.
-    """
+    """The rows of requirements, `own`, then those of the objective, `more` with kind and side, on a `table`."""
     if not more:
         return own
     count, last = len(more), len(table.v) - 1

@@ -35,8 +35,9 @@ _NO_CONTROLLER = 1e-9
 _WITHIN = 0.25
 #: |v| within which a frequency is that of an older finding
 _NEAR = 0.2
-#: the last radius of a search that has not settled; of the pattern search: steps relative to the gains, the first and the last, looks, and the gain of a step that counts
+#: the last radius of a search that has not settled
 _SMALLEST_RADIUS = 0.03
+#: of the pattern search: steps relative to the gains, the first and the last, looks, and the gain of a step that counts
 _FIRST_STEP, _LAST_STEP, _MOST_LOOKS, _LEAST_GAIN = 0.05, 2e-4, 150, 1e-7
 
 
@@ -165,7 +166,9 @@ class MeasuredPolish(Polish):
             return []
         now = self.look(x)
         kept = []
-        for f in findings if now is not None else ():
+        if now is None:
+            return []
+        for f in findings:
             same = (now[:, ROW] == f[ROW]) & (now[:, FIELDS] == f[FIELDS]) & (now[:, MODE] == f[MODE])
             near = now[same & (np.abs(now[:, V] - f[V]) < _NEAR)]
             if f[ROW] < self.real_rows and np.any(near[:, 1] < -MEETS):

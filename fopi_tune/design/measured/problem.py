@@ -203,10 +203,10 @@ def _scale_of(spec: DesignSpec, family: MeasuredFamily, crossover_rad_s: float |
 def _table(family: MeasuredFamily, scaled: Scaled, named: Array) -> Table:
     """The table of every member, scaled, with columns at `named` frequencies in rad/s among them."""
     scale, u = scaled.scale, _scan_columns(family, named)
-    log = np.array([member.table.log_at(u) for member in family.members])
-    filtered = np.zeros(len(u), dtype=complex)
+    log: Complex = np.array([member.table.log_at(u) for member in family.members])
+    filtered: Complex = np.zeros(len(u), dtype=complex)
     if scale.measurement_filter is not None:
-        filtered = np.log(scale.measurement_filter(1j * np.exp(u)))
+        filtered = np.asarray(np.log(scale.measurement_filter(1j * np.exp(u))), dtype=complex)
     log_gain, m = math.log(scale.gain), len(log)
     ends = [member.table.low_end for member in family.members]
     slope = np.array([0.0 if end is None else float(end.exponent) for end in ends])

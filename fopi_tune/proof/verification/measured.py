@@ -281,15 +281,18 @@ def _nominal_margins(sample: MeasuredSample) -> Margins:
     )
 
 
-def reassessed(found: Verification, requirements: Sequence[Requirement]) -> Verification:
+def reassessed(spec: DesignSpec, found: Verification) -> Verification:
     """The same gains against other limits of the same requirements; the extremes are reused.
 
     Args:
+        spec: with other limits of the same requirements, in the same order.
         found: the verification.
-        requirements: with other limits, in the same order.
     """
     results = tuple(
         old if old.outcome is Outcome.UNDECIDED else assess_requirement(requirement, old.extremes, found.tolerance)
-        for requirement, old in zip(requirements, found.requirements, strict=True)
+        for requirement, old in zip(spec.requirements, found.requirements, strict=True)
     )
-    return replace(found, requirements=results)
+    # without an objective it is the smallest slack
+    depth = smallest_slack(results) if spec.objective is None else None
+    objective, place = (found.objective, found.objective_worst) if depth is None else depth
+    return replace(found, requirements=results, objective=objective, objective_worst=place)

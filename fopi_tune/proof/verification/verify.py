@@ -16,7 +16,7 @@ from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.lists import of_members
-from fopi_tune.proof.verification.measured import verify_measured
+from fopi_tune.proof.verification.measured import reassessed, verify_measured
 from fopi_tune.proof.verification.objectives import evaluate_objective, smallest_slack
 from fopi_tune.proof.verification.requirements import assess_requirement, check_requirement
 from fopi_tune.proof.verification.results import MeasureResult, Verification
@@ -104,6 +104,8 @@ def reassess(spec: DesignSpec, found: Verification) -> Verification:
     if isinstance(spec.plant, PlantList):
         each = zip(member_specs(spec), found.members, strict=True)
         return of_members(spec, spec.plant, [reassess(member, known) for member, known in each])
+    if spec.is_measured:
+        return reassessed(spec, found)
     pairs = zip(spec.requirements, found.requirements, strict=True)
     requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
     measures = found.measures

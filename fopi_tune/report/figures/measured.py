@@ -138,12 +138,10 @@ def measured_nyquist(members: MeasuredMembers) -> Picture:
         from matplotlib.patches import Circle
 
         axes = figure.subplots()
-        for k, points in reversed(list(enumerate(members.points))):
-            response = np.exp(points.log_gain + 1j * points.phase_rad)
-            style = {"color": STYLES[0][0], "label": "nominal"} if k == 0 else {"color": "0.75", "linewidth": 0.6}
-            axes.plot(response.real, response.imag, **style)
-        dots = np.exp(members.measured.log_gain + 1j * members.measured.phase_rad)
-        axes.plot(dots.real, dots.imag, ".", color="0.25", markersize=3, label="measured")
+        for points in members.points[1:]:
+            axes.plot(*_in_plane(points), color="0.75", linewidth=0.6)
+        axes.plot(*_in_plane(members.points[0]), color=STYLES[0][0], label="nominal")
+        axes.plot(*_in_plane(members.measured), ".", color="0.25", markersize=3, label="measured")
         axes.add_patch(Circle((0.0, 0.0), 1.0, fill=False, linewidth=0.6, linestyle=":"))
         forbid_discs(axes, requirements)
         forbid_arcs(axes, requirements)
@@ -183,6 +181,12 @@ def measured_sensitivities(members: MeasuredMembers) -> Picture:
                       for word, lines in every.items())  # fmt: skip
     said = f"Sensitivities over the measured band, {members.phrase}. Largest values drawn: {peaks}."
     return Picture(f"{members.documents.spec.name}: sensitivities", said, draw, (WIDE, 8.6))
+
+
+def _in_plane(points: LoopPoints) -> tuple[Array, Array]:
+    """Real and imaginary part of L."""
+    size = np.exp(points.log_gain)
+    return size * np.cos(points.phase_rad), size * np.sin(points.phase_rad)
 
 
 def _draw_lines(axes: Axes, omega: Array, lines: Sequence[Array]) -> None:

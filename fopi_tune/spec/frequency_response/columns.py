@@ -99,7 +99,8 @@ def columns_of(table: Table) -> dict[Role, Column]:
 
 def _words(text: str) -> frozenset[str]:
     # omegaRadS and magdB are cut as omega_rad_s and mag_db
-    cut = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text.replace("dB", " db ").replace("Hz", "hz"))
+    spaced = re.sub(r"([kMG]?)Hz", r" \1hz ", text.replace("dB", " db "))
+    cut = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", spaced)
     return frozenset(re.findall(r"[^\W\d_]+|°", cut.lower()))
 
 

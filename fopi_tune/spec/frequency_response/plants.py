@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.core.measured.family import FREQUENCY_RESPONSE, MeasuredFamily, MeasuredMember, members_within
+from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.frequency_response.reader import read_response
 from fopi_tune.spec.validation import FileReader, UnreadableError
@@ -95,6 +97,18 @@ def resolve_responses(placed: Any, read: FileReader) -> Any:
     except DomainError as error:
         place.child("files").refuse(str(error))
         return None
+
+
+def sha256_with_data(sha256: str, family: PlantFamily) -> str:
+    """The SHA-256 of a spec's text; of a measured plant that of the text's and the data's together.
+
+    Args:
+        sha256: of the text, which names the files alone.
+        family: the plant.
+    """
+    if not isinstance(family, MeasuredFamily):
+        return sha256
+    return hashlib.sha256("".join([sha256, *(member.sha256 for member in family.members)]).encode()).hexdigest()
 
 
 def _labels(names: list[str]) -> list[str]:
