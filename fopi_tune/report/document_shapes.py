@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.families.plant_list import members_of
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.certificate import Verdict
@@ -251,6 +252,9 @@ def _place(entry: JsonObject, key: str, spec: DesignSpec) -> None:
 def _plant(entry: JsonObject, spec: DesignSpec) -> PlantFamily:
     """The uncertain numbers of a plant; a requirement that no plant decides names none; returns its family."""
     families = {member.name: member.family for member in members_of(spec.plant)}
+    if isinstance(spec.plant, MeasuredFamily):
+        # its members are responses, which have no numbers
+        families = {member.name: spec.plant for member in spec.plant.members}
     name = entry.text("member") if "member" in entry.value else next(iter(families))
     _require(name in families, entry, "member", "no plant of the spec's list")
     plant, family = entry.child("plant"), families[name]

@@ -46,10 +46,12 @@ def test_a_bode_plot_has_the_measured_points_on_the_line(members: MeasuredMember
     curve = members.family.members[0].table
     response = curve.log_at(curve.u) + np.log(members.gains(1j * curve.omega_rad_s))
     dots = {line.get_label(): line for line in gain.get_lines()}["measured"]
-    np.testing.assert_allclose(dots.get_xdata(), curve.omega_rad_s, rtol=1e-9)
-    np.testing.assert_allclose(dots.get_ydata(), response.real * 20.0 / np.log(10.0), atol=1e-9)
+    np.testing.assert_allclose(np.asarray(dots.get_xdata(), dtype=float), curve.omega_rad_s, rtol=1e-9)
+    np.testing.assert_allclose(
+        np.asarray(dots.get_ydata(), dtype=float), response.real * 20.0 / np.log(10.0), atol=1e-9
+    )
     turned = {line.get_label(): line for line in phase.get_lines()}["measured"]
-    off = np.asarray(turned.get_ydata()) - np.degrees(response.imag)
+    off = np.asarray(turned.get_ydata(), dtype=float) - np.degrees(response.imag)
     np.testing.assert_allclose(np.remainder(off + 180.0, 360.0) - 180.0, 0.0, atol=1e-6)
 
 
