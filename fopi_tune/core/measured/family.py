@@ -69,21 +69,30 @@ class MeasuredFamily(PlantFamily):
         parameters: none.
         members: at least one; the first is nominal.
         unstable_poles: of the plant, in the open right half-plane; None where that is not known.
+        source_files: that the members were read from, as a spec names them; their numbers count, not their names.
     """
 
     members: tuple[MeasuredMember, ...] = ()
     unstable_poles: int | None = None
+    source_files: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, members: Sequence[MeasuredMember], unstable_poles: int | None) -> MeasuredFamily:
+    def of(
+        cls, members: Sequence[MeasuredMember], unstable_poles: int | None, source_files: Sequence[str] = ()
+    ) -> MeasuredFamily:
         """The family.
+
+        Args:
+            members: the nominal one first.
+            unstable_poles: of the plant; None where that is not known.
+            source_files: that the members were read from, as a spec names them.
 
         Raises:
             DomainError: there is no member, or they have no band in common.
         """
         if not members:
             raise DomainError("a family of measured responses needs at least one")
-        found = cls(FREQUENCY_RESPONSE, {}, tuple(members), unstable_poles)
+        found = cls(FREQUENCY_RESPONSE, {}, tuple(members), unstable_poles, tuple(source_files))
         low, high = found.band_rad_s
         if not low < high:
             raise DomainError("the responses have no band of frequencies in common; measure them over one band")

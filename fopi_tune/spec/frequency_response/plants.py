@@ -93,7 +93,7 @@ def resolve_responses(placed: Any, read: FileReader) -> Any:
     if len(place.collector.problems) > before:
         return None
     try:
-        return MeasuredFamily.of(members, values.get("unstable_poles"))
+        return MeasuredFamily.of(members, values.get("unstable_poles"), names)
     except DomainError as error:
         place.child("files").refuse(str(error))
         return None
