@@ -21,6 +21,9 @@ def test_a_study_goes_over_files_and_its_cells_have_their_data(tmp_path: Path) -
     (tmp_path / "study.yaml").write_text(STUDY)
     cells = load_study(tmp_path / "study.yaml").cells
     assert [[name for name, _ in cell.files] for cell in cells] == [["a.csv"], ["b.csv"]]
+    # a base with other data is no start
+    (tmp_path / "from_base.yaml").write_text(STUDY + "starts: base\n")
+    assert [run_cell("", cell).reason for cell in load_study(tmp_path / "from_base.yaml").cells] == ["", ""]
     keys = [cell.key({}) for cell in cells]
     assert run_cell(keys[0], cells[0]).reason == ""
     (tmp_path / "a.csv").write_bytes(csv(LAG, 0.01, 100.0, 62))
