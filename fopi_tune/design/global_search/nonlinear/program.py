@@ -90,13 +90,13 @@ def _polynomial(coefficients: Any, omega: Any) -> tuple[Any, Any]:
 
 
 def _polynomials(p: Any, omega: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
-    """N, D and ln|N/D| of a slot's plant."""
+    """N, D and ln|N| of a slot's plant."""
     top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
-    return top, bottom, _log_size(top) - _log_size(bottom)
+    return top, bottom, _log_size(top)
 
 
 def measured_plant(p: Any, v: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
-    """A numerator and a denominator with the phase of a slot's measured plant times F, and ln|F P|.
+    """A numerator with the phase of a slot's measured plant, the denominator of F, and ln|P|.
 
     Behind the other parameters are `KNOTS` points about the slot's frequency: v, ln|P| and its slopes, the phase and
     its slopes.  Between them the curve is cubic, as in `core/measured/curve.py`, and beyond them it goes on straight.
@@ -117,7 +117,7 @@ def measured_plant(p: Any, v: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], An
         values.append(value)
     omega = ca.exp(v)
     bottom = 1.0 - p[LAG_SQUARE] * omega**2, p[LAG] * omega
-    return (ca.cos(values[1]), ca.sin(values[1])), bottom, values[0] - _log_size(bottom)
+    return (ca.cos(values[1]), ca.sin(values[1])), bottom, values[0]
 
 
 def _log_size(a: tuple[Any, Any]) -> Any:
@@ -137,10 +137,10 @@ def _slot(
         return p[INDEX[name]]
 
     omega = ca.exp(v)
-    top, bottom, log_plant = measured_plant(p, v) if kind.measured else _polynomials(p, omega)
+    top, bottom, log_top = measured_plant(p, v) if kind.measured else _polynomials(p, omega)
     controller, half = controller_parts(kp, ki, third, v, made), None if made is None else made.half
     log_c = _log_size(controller)
-    log_l = log_c + log_plant
+    log_l = log_c + log_top - _log_size(bottom)
     # C N conj(D) has the phase of C P; `near` selects the branch
     product = times(times(controller, top), (bottom[0], -bottom[1]))
     turned = times(product, (ca.cos(of("near")), -ca.sin(of("near"))))
