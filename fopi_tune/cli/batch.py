@@ -240,7 +240,7 @@ def exit_code_of(result: Result, require_proof: bool) -> Exit:
 
     Args:
         result: of a command.
-        require_proof: whether what is only checked by simulation counts as undecided.
+        require_proof: whether what is only checked counts as undecided.
     """
     if result.status in ("solved", "met", "settles", "made"):
         if not require_proof:
@@ -248,8 +248,9 @@ def exit_code_of(result: Result, require_proof: bool) -> Exit:
         from fopi_tune.results.system_design import DesignedSystem
 
         reports = getattr(getattr(result, "design", result), "measures", ())
-        # of a system's design nothing is proved
-        checked = isinstance(result, DesignedSystem) or any(report.verdict == "checked" for report in reports)
+        # of a system's design nothing is proved, nor of measured responses
+        measured = getattr(getattr(result, "spec", None), "is_measured", False)
+        checked = measured or isinstance(result, DesignedSystem) or any(r.verdict == "checked" for r in reports)
         return Exit.TOOL_FAILED if checked else Exit.MET
     return Exit.TOOL_FAILED if result.status in ("failed", "undecided", "contradiction") else Exit.NOT_MET
 

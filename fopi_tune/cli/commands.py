@@ -78,7 +78,7 @@ Ki = Annotated[float | None, number_option(help="Integral gain, in kp's unit tim
 Alpha = Annotated[float | None, number_option(help="Order of the integral, between 0 and 2.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No notes on stderr.")]
 RequireProof = Annotated[
-    bool, typer.Option("--require-proof", help="Exit with 3 where a requirement is checked by simulation only.")
+    bool, typer.Option("--require-proof", help="Exit with 3 where a requirement is only checked, and not proved.")
 ]
 NoProof = Annotated[bool, typer.Option("--no-proof", help="Leave the certificate out; the result says so.")]
 SolverOption = Annotated[

@@ -225,8 +225,8 @@ def _written_sections(text: str) -> TemplateSections:
 
 
 def _recording(file: str, reading: ReadOptions) -> Recording:
+    from fopi_tune.core.text_tables.table import MAX_BYTES
     from fopi_tune.identification import parse_recording
-    from fopi_tune.identification.table import MAX_BYTES
     from fopi_tune.spec.files import read_text
 
     try:

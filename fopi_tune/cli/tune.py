@@ -92,6 +92,8 @@ def design_or_sweep(spec: DesignSpec, options: TuneOptions, proof: bool) -> Desi
     if options.requirement is not None:
         points = 50 if options.points is None else options.points
         return tradeoff(spec, options.requirement, start=options.start, stop=options.stop, points=points)
+    if options.bracket and spec.is_measured:
+        raise DomainError("there is no bound of gains for measured responses; leave --bracket out")
     if options.bracket and spec.designs_scenarios:
         raise DomainError("there is no bound of gains for what scenarios measure; leave --bracket out")
     if options.solver is not Solver.IPOPT:
@@ -129,9 +131,10 @@ def tune_files(
             return tune_system(loaded)
         if certified is not None:
             from fopi_tune.core.fractional_plants.family import refuse_fractional_family
-            from fopi_tune.spec.lists.members import refuse_list
+            from fopi_tune.spec.lists.members import refuse_list, refuse_measured
 
             refuse_list(loaded, "the proof of the optimum")
+            refuse_measured(loaded, "the proof of the optimum")
             refuse_fractional_family(loaded.plant, "the proof of the optimum", "it bounds polynomials in s")
         found = design_or_sweep(loaded, options, proof)
         if certified is not None and isinstance(found, Design):

@@ -14,6 +14,8 @@ from fopi_tune.design.constraints import Bound
 from fopi_tune.design.global_search.basins import scan_box
 from fopi_tune.design.global_search.polish import Counts, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.measured.polish import polish_of
+from fopi_tune.design.measured.problem import MeasuredProblem
 from fopi_tune.design.reasons import Reason, describe, has_negative_gain
 from fopi_tune.results.candidate import Candidate
 from fopi_tune.results.status import Relaxation, Status
@@ -76,7 +78,7 @@ def least_missed(
     None where no gains were found at which all others hold.
     """
     question = problem.missing(free, dropped)
-    polish = Polish(question, counts)
+    polish = polish_of(question, counts)
     best: Polished | None = None
     for basin in scan_box(question, _BASINS, _COARSE).basins:
         found = polish.run(basin.gains)
@@ -92,7 +94,7 @@ def relaxation_alone(problem: Problem, requirement: int, counts: Counts) -> Rela
     found = least_missed(problem, frozenset({requirement}), frozenset(), counts)
     if found is None:
         return Relaxation(requirement, None, None)
-    polish = Polish(problem.missing(frozenset({requirement}), frozenset()), counts)
+    polish = polish_of(problem.missing(frozenset({requirement}), frozenset()), counts)
     moved = moved_limit(polish, found, requirement)
     return Relaxation(requirement, None, None) if moved is None else Relaxation(requirement, moved[1], moved[0])
 
@@ -121,13 +123,20 @@ def moved_limit(polish: Polish, found: Polished, requirement: int) -> tuple[floa
 def has_wrong_sign(problem: Problem) -> bool:
     """Whether the plant's gain is negative and the ranges hold no negative gains."""
     box = problem.spec.controller
+    never_negative = all(gain.min >= 0.0 for gain in (box.kp, box.ki, box.kd))
+    if isinstance(problem, MeasuredProblem):
+        end = problem.family.members[0].table.low_end
+        return end is not None and end.is_negative and never_negative
     plants = Plants.members(problem.spec.plant, problem.fine_points[0])
-    return has_negative_gain(plants) and all(gain.min >= 0.0 for gain in (box.kp, box.ki, box.kd))
+    return has_negative_gain(plants) and never_negative
 
 
 def _unstable(problem: Problem) -> str:
     if has_wrong_sign(problem):
         return _UNSTABLE + "; the plant's gain is negative, so allow negative kp and ki"
+    if isinstance(problem, MeasuredProblem):
+        low, high = problem.family.band_rad_s
+        return f"{_UNSTABLE}, with |L| above 1 at {low:.5g} rad/s and below 1 at {high:.5g} rad/s, the measured band"
     return _UNSTABLE
 
 

@@ -20,6 +20,8 @@ from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.structures import LARGEST_GAIN
 from fopi_tune.design.infeasible import explain, has_wrong_sign
+from fopi_tune.design.measured.polish import polish_of
+from fopi_tune.design.measured.problem import MeasuredProblem
 from fopi_tune.digital.implementation import nominal_crossover
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.base import NEPER_PER_DB
@@ -140,7 +142,7 @@ def best_from(problem: Problem, start: FoPi | None = None) -> tuple[Polish, Poli
     """`best_of_box` of a problem whose filter, on samples, is exact at the crossover of the start."""
     if start is not None and not start.is_zero and problem.needs_crossover:
         problem = problem.exact_at(nominal_crossover(problem.spec, start))
-    polish = Polish(problem)
+    polish = polish_of(problem)
     return polish, best_of_box(polish, start)
 
 
@@ -155,7 +157,7 @@ def at_own_crossover(polish: Polish, best: Polished | None) -> tuple[Polish, Pol
         if problem.is_exact_at(crossover):
             break
         problem = problem.exact_at(crossover)
-        polish = Polish(problem, polish.counts)
+        polish = polish_of(problem, polish.counts)
         # the first filter was exact at a guess: another basin may now be the best
         found = polish.run(best.x, _NEARER[0]) if count else None
         best = found or best_of_box(polish, gains)
@@ -184,7 +186,8 @@ def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
     the objective and the equalities together leads away.
     """
     problem, best = polish.problem, None
-    question = Polish(problem.missing(frozenset(range(len(problem.spec.requirements))), frozenset()), polish.counts)
+    everything = frozenset(range(len(problem.spec.requirements)))
+    question = polish_of(problem.missing(everything, frozenset()), polish.counts)
     for basin in basins:
         near = question.run(basin.gains)
         found = polish.walk(near.x) if near is not None and near.cost <= MEETS else None
@@ -264,7 +267,7 @@ def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
             x = found.x.copy()
             x[k] = 0.0
             # a derivative that gains nothing is held at 0
-            without = Polish(problem.without_derivative(), polish.counts) if k == _DERIVATIVE else polish
+            without = polish_of(problem.without_derivative(), polish.counts) if k == _DERIVATIVE else polish
             other = without.run(x)
             if other is not None and other.cost <= found.cost + (_SAME if k == _DERIVATIVE else 0.0):
                 found = other
@@ -272,6 +275,8 @@ def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
 
 
 def _is_stable(problem: Problem, found: Polished) -> bool:
+    if isinstance(problem, MeasuredProblem):
+        return problem.is_stable(problem.gains(found.x))
     try:
         return bool(is_stable(problem.loops(problem.gains(found.x), problem.fine_points[0])).all())
     except DomainError:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.filter_times import design_with_filter_times
-from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.infeasible import explain_reason
+from fopi_tune.design.measured.problem import problem_of
 from fopi_tune.design.reasons import reason_without_solving
 from fopi_tune.design.search import Neighbour, search
 from fopi_tune.digital.implementation import nominal_crossover
@@ -46,8 +46,9 @@ def design(
         return Candidate(Status.INFEASIBLE, None, nothing, (), NO_CONTROLLER)
     if fixed is not None:
         return Candidate(Status.SOLVED, fixed, nothing)
-    problem = Problem.of(spec, violations)
-    reason = reason_without_solving(spec)
+    problem = problem_of(spec, violations)
+    # the formulas are of transfer functions
+    reason = None if spec.is_measured else reason_without_solving(spec)
     if reason is not None:
         return explain_reason(problem, reason)
     known = start.gains if isinstance(start, Neighbour) else start
@@ -55,7 +56,7 @@ def design(
     if found.status is Status.FAILED and found.gains is not None and not found.gains.is_zero:
         # gains that meet everything say where the rays have to be close to each other
         crossover = nominal_crossover(spec, found.gains)
-        again = None if crossover is None else search(Problem.of(spec, violations, crossover), found.gains, bracket)
+        again = None if crossover is None else search(problem_of(spec, violations, crossover), found.gains, bracket)
         if again is not None and again.status is Status.SOLVED:
             return again
     return found

@@ -9,6 +9,8 @@ from fopi_tune.design.global_search.compiled import DEPTH
 from fopi_tune.design.global_search.polish import FIRST_RADIUS, MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.infeasible import moved_limit
+from fopi_tune.design.measured.polish import polish_of
+from fopi_tune.design.measured.problem import problem_of
 from fopi_tune.design.reasons import reason_without_solving
 from fopi_tune.design.search import at_own_crossover, best_from, grown_without_end, inside, public_objective
 from fopi_tune.digital.implementation import nominal_crossover
@@ -52,7 +54,7 @@ class Warm:
             spec: with any limits.
             violations: plants and frequencies that a check found.
         """
-        return cls(Problem.of(spec, violations))
+        return cls(problem_of(spec, violations))
 
     def knowing(self, spec: DesignSpec, violations: tuple[Violation, ...]) -> Warm:
         """The same with more of what a check found.
@@ -66,7 +68,7 @@ class Warm:
     def settle(self, spec: DesignSpec, start: FoPi) -> Solution | None:
         """The exchange from a neighbour's gains; None when it leads nowhere."""
         problem = self._problem(spec, start)
-        polish, x = Polish(problem), inside(problem, problem.scale.scaled(start))
+        polish, x = polish_of(problem), inside(problem, problem.scale.scaled(start))
         best: Polished | None = None
         for radius in (FIRST_RADIUS, _NEARER):
             found = polish.run(x, radius)
@@ -84,7 +86,7 @@ class Warm:
 
     def anew(self, spec: DesignSpec) -> Solution | None:
         """The search of the whole box, as for a design; None when it finds nothing."""
-        if reason_without_solving(spec) is not None:
+        if not spec.is_measured and reason_without_solving(spec) is not None:
             return None
         polish, found = at_own_crossover(*best_from(self.problem.with_limits_of(spec)))
         return None if found is None else _solution(polish, found)
@@ -101,7 +103,7 @@ class Warm:
             The limit (the spec's own when it can be met), and gains there; None when the solver gave up.
         """
         problem = self._problem(spec, start)
-        polish = Polish(problem.missing(frozenset({requirement}), frozenset()))
+        polish = polish_of(problem.missing(frozenset({requirement}), frozenset()))
         found = polish.run(inside(problem, problem.scale.scaled(start)))
         if found is None:
             return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,8 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.crossings import gain_crossovers
 from fopi_tune.core.loops import Loops, Plants
+from fopi_tune.core.measured.family import MeasuredFamily
+from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.realise import Precision
@@ -116,6 +119,10 @@ def digital_section_of(spec: DesignSpec) -> DigitalSpec:
 
 def nominal_crossover(spec: DesignSpec, gains: FoPi) -> float | None:
     """The highest nominal gain crossover of the ideal controller, rad/s; None without one."""
+    family = spec.nominal_family
+    if isinstance(family, MeasuredFamily):
+        crossovers = MeasuredLoop(gains, family.members[0].table, family.band_rad_s).gain_crossovers
+        return math.exp(crossovers[-1]) if len(crossovers) else None
     plant = Plants.of(spec.nominal_family.member(spec.nominal_family.nominal_point))
     found = gain_crossovers(Loops.of(gains, plant)).omega_rad_s
     return float(found[-1]) if len(found) else None

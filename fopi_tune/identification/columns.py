@@ -6,8 +6,8 @@ import itertools
 import re
 from dataclasses import dataclass
 
+from fopi_tune.core.text_tables.table import TIMES_HINT, Table, is_missing, number, quoted, time_of_day_s
 from fopi_tune.errors import DomainError
-from fopi_tune.identification.table import TIMES_HINT, Table, is_missing, number, quoted, time_of_day_s
 from fopi_tune.identification.times import TimeUnit, unit_by_size, unit_called
 
 #: the header that needs no explanation

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.errors import DomainError
-from fopi_tune.identification.columns import Columns, ReadOptions, choose_columns
-from fopi_tune.identification.table import (
+from fopi_tune.core.text_tables.table import (
     LARGEST,
     TIMES_HINT,
     Table,
@@ -22,6 +20,8 @@ from fopi_tune.identification.table import (
     quoted,
     read_table,
 )
+from fopi_tune.errors import DomainError
+from fopi_tune.identification.columns import Columns, ReadOptions, choose_columns
 from fopi_tune.identification.times import in_seconds, over_midnight
 
 #: samples; four numbers or more are fitted, and their intervals need degrees of freedom

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.text_tables.table import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.models import Signals
 from fopi_tune.identification.recording import Recording
-from fopi_tune.identification.table import counted
 
 #: samples of a running median; it takes out spikes of at most two of them
 _MEDIAN_OF = 5

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.text_tables.table import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
 from fopi_tune.identification.models import FitModel, Signals, Structure
 from fopi_tune.identification.recording import MIN_SAMPLES, Marks, Recording
 from fopi_tune.identification.scaling import INPUT_NOISE, Scaled
 from fopi_tune.identification.solve import initial_guesses, least_squares_fit
-from fopi_tune.identification.table import counted
 
 #: fewest samples within three time constants after a change arrives that determine the time constant
 _MIN_RISE_SAMPLES = 3

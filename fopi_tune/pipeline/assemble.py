@@ -53,7 +53,7 @@ def assemble_design(
     results = found.requirements if found else (None,) * len(spec.requirements)
     proofs = certificate.requirements if certificate else (None,) * len(spec.requirements)
     reports = tuple(
-        RequirementReport(requirement, result, multiplier, proved)
+        RequirementReport(requirement, result, multiplier, proved, is_checked=spec.is_measured)
         for requirement, result, multiplier, proved in zip(
             spec.requirements, results, candidate.multipliers, proofs, strict=True
         )
@@ -85,8 +85,8 @@ def assemble_design(
 
 
 def _steady_state_error(spec: DesignSpec, gains: FoPi | None, found: Verification | None) -> float | None:
-    """Of a stable design; None without one."""
-    if gains is None or found is None or not found.stability.stable:
+    """Of a stable design; None without one, and of measured responses, which do not tell P(0)."""
+    if spec.is_measured or gains is None or found is None or not found.stability.stable:
         return None
     return largest_steady_state_error(spec.plant, gains)
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from fopi_tune.core.controller import DERIVATIVE_NAMES, MU_MAX, FoPi, derivative_of
 from fopi_tune.results.design import Design
 from fopi_tune.results.equalities import in_percent
+from fopi_tune.results.measured import measured_notes
 from fopi_tune.results.status import Status
 from fopi_tune.spec.default_objective import default_notes
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
@@ -62,9 +63,16 @@ def design_notes(asked: DesignSpec, design: Design) -> tuple[str, ...]:
         design: solved for what it was completed to.
     """
     notes = [*default_notes(asked), *_noise(asked), *_beyond_sampling(asked), *_too_fast_to_sample(asked, design.gains)]
+    notes += _measured(asked, design)
     if design.status is Status.SOLVED and design.gains is not None:
         notes += [*_vanished(asked, design.gains, design.steady_state_error), *_at_ends(asked.controller, design.gains)]
     return tuple(notes)
+
+
+def _measured(asked: DesignSpec, design: Design) -> Iterator[str]:
+    """What measured responses leave open."""
+    if asked.is_measured and design.gains is not None:
+        yield from measured_notes(asked, design.gains)
 
 
 def _vanished(asked: DesignSpec, gains: FoPi, error: float | None) -> Iterator[str]:

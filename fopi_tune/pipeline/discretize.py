@@ -43,7 +43,8 @@ def discretized(spec: DesignSpec, gains: FoPi, proof: bool, found: Verification 
     implementation = Implementation(controller.sections, digital.delay_samples)
     if found is None:
         found = verify(spec, gains, implementation=implementation)
-    certificate = certify(spec, found, certificate_versions(), implementation) if proof else None
+    proved = proof and not spec.is_measured
+    certificate = certify(spec, found, certificate_versions(), implementation) if proved else None
     return Discretized(spec, controller, found, certificate, stamp(spec.sha256, None, digests_of(spec)))
 
 

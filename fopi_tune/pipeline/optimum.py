@@ -9,7 +9,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.pipeline.prove import other_text, with_digest_of
 from fopi_tune.spec import load_spec
-from fopi_tune.spec.lists.members import refuse_list
+from fopi_tune.spec.lists.members import refuse_list, refuse_measured
 from fopi_tune.spec.load import Source
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def certify_optimum(
     spec = load_spec(source)
     refuse_list(spec, "the proof of the optimum")
     refuse_fractional_family(spec.plant, "the proof of the optimum", "it bounds polynomials in s")
+    refuse_measured(spec, "the proof of the optimum")
     spec.controller.refuse_derivative_order("the proof of the optimum")
     return certify_optimum(spec, gains, gap=gap, time_limit_s=time_limit_s, progress=progress)
 

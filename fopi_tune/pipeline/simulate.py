@@ -29,6 +29,7 @@ from fopi_tune.results.stamp import stamp
 from fopi_tune.simulation.notes import bumpless_notes, limit_notes, rate_notes, setpoint_notes
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.digests import digests_of
+from fopi_tune.spec.lists.members import refuse_measured
 from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, DigitalSpec, ScenarioSpec, ValidationSpec
 
@@ -70,6 +71,7 @@ def simulate(
     from fopi_tune.digital.implementation import implementation_of
 
     spec = load_spec(source)
+    refuse_measured(spec, "a simulation")
     drawn = override_validation(spec.validation, samples, seed)
     spec = replace(spec, validation=drawn)
     point = refuse_simulation(
@@ -136,6 +138,7 @@ def refuse_simulation(
     refuse_fractional_family(
         spec.plant, "a simulation", "its state is all of its past; `fopi run` draws its exact unit steps"
     )
+    refuse_measured(spec, "a simulation")
     refuse_accuracy(accuracy, exact or spec.digital is None)
     point = plant_point(spec.plant, override_validation(spec.validation, samples, seed), plant, replay, member)
     if not spec.scenarios:

@@ -28,7 +28,7 @@ from fopi_tune.results.stamp import certificate_versions
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.default_objective import with_default_objective
-from fopi_tune.spec.lists.members import refuse_list
+from fopi_tune.spec.lists.members import refuse_list, refuse_measured
 from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Sense
 
@@ -81,6 +81,7 @@ def tune(
     if solver is Solver.CONVEX:
         refuse_list(asked, "the convex search")
         refuse_fractional_family(asked.plant, "the convex search", "it has polynomials in s alone")
+        refuse_measured(asked, "the convex search")
     spec = with_default_objective(asked)
     design = _unconfirmed_design(spec, spec, proof, solver, start, bracket)
     design = _without_vanished_terms(spec, design, proof, solver)
@@ -175,7 +176,8 @@ def _checked_candidate(
         from fopi_tune.montecarlo.montecarlo import scenario_fractions
 
         drawn = scenario_fractions(spec, implementation)
-    certificate = certify(spec, verification, certificate_versions(), implementation) if proof else None
+    proved = proof and not spec.is_measured
+    certificate = certify(spec, verification, certificate_versions(), implementation) if proved else None
     return CheckedCandidate(candidate, verification, certificate, drawn)
 
 

@@ -14,6 +14,7 @@ from fopi_tune.pipeline.discretize import discretize
 from fopi_tune.pipeline.scenario_results import refuse_start
 from fopi_tune.results.design import Validated
 from fopi_tune.spec import load_spec
+from fopi_tune.spec.lists.members import refuse_measured
 from fopi_tune.spec.load import Source
 from fopi_tune.spec.model import ValidationSpec
 
@@ -52,6 +53,7 @@ def validate(
     from fopi_tune.montecarlo.montecarlo import evidence_of, monte_carlo
 
     spec = load_spec(source)
+    refuse_measured(spec, "drawing plants")
     spec = replace(spec, validation=override_validation(spec.validation, samples, seed))
     if spec.digital is not None:
         nominal = Plants.of(spec.plant.member(spec.plant.nominal_point))

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.families.plant_list import members_of
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.certificate import Verdict
@@ -28,6 +29,8 @@ DESIGN_STATUSES = ("solved", "infeasible", "unbounded", "failed")
 CHECK_STATUSES = ("met", "violated", "undecided")
 EVIDENCE_STATUSES = ("met", "violated", "contradiction")
 _NOT_ATTEMPTED = "not_attempted"
+#: of measured responses, of which there is no proof
+CHECKED = "checked"
 #: relative; a worst plant may leave the family by rounding
 _ROUNDING = 1e-9
 T = TypeVar("T")
@@ -137,16 +140,16 @@ def _requirement(entry: JsonObject, requirement: Requirement, spec: DesignSpec) 
         price.flag("agrees")
     if entry.get("proof") is not None:
         proof = entry.child("proof")
-        proof.word("verdict", Verdict)
+        _one_of(proof, "verdict", (*(word.value for word in Verdict), CHECKED, "violated"))
         for key in ("proved_from", "proved_to", "relative_gap"):
             proof.number_or_none(key)
         _prose(proof, "reason")
 
 
 def _proof(proof: JsonObject) -> None:
-    verdict = _one_of(proof, "verdict", (*(word.value for word in Verdict), _NOT_ATTEMPTED))
+    verdict = _one_of(proof, "verdict", (*(word.value for word in Verdict), _NOT_ATTEMPTED, CHECKED))
     _prose(proof, "reason")
-    if verdict == _NOT_ATTEMPTED:
+    if verdict in (_NOT_ATTEMPTED, CHECKED):
         return
     stability = proof.child("stability")
     stability.word("verdict", Verdict)
@@ -249,6 +252,9 @@ def _place(entry: JsonObject, key: str, spec: DesignSpec) -> None:
 def _plant(entry: JsonObject, spec: DesignSpec) -> PlantFamily:
     """The uncertain numbers of a plant; a requirement that no plant decides names none; returns its family."""
     families = {member.name: member.family for member in members_of(spec.plant)}
+    if isinstance(spec.plant, MeasuredFamily):
+        # its members are responses, which have no numbers
+        families = {member.name: spec.plant for member in spec.plant.members}
     name = entry.text("member") if "member" in entry.value else next(iter(families))
     _require(name in families, entry, "member", "no plant of the spec's list")
     plant, family = entry.child("plant"), families[name]

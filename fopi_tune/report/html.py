@@ -10,9 +10,17 @@ from typing import Any
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
 from fopi_tune.errors import DomainError
+from fopi_tune.report.document_shapes import CHECKED
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.evidence import evidence_rows, histograms, sampling_phrase
 from fopi_tune.report.figures.frequency import bode, margins_along, nyquist, sensitivities
+from fopi_tune.report.figures.measured import (
+    MeasuredMembers,
+    measured_bode,
+    measured_members,
+    measured_nyquist,
+    measured_sensitivities,
+)
 from fopi_tune.report.figures.members import Members, members_of
 from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.plots import digital_picture
@@ -47,8 +55,10 @@ def report_files(documents: ResultDocuments) -> dict[str, str | bytes]:
     Returns:
         `report.html` last, as text; figures as text (SVG) and bytes (PNG).
     """
-    members, evidence = members_of(documents), documents.evidence
+    measured, evidence = measured_members(documents), documents.evidence
+    members = members_of(documents)
     of_loop = [] if members is None else list(render_figures(_LOOP_FIGURES, members))
+    of_loop += [] if measured is None else list(render_figures(_MEASURED_FIGURES, measured))
     of_filter = list(render_figures({"digital": digital_picture}, documents))
     of_plants = [] if evidence is None else list(render_figures({"plants": _histograms}, documents))
     values = {**_text_values(documents), **_slider_values(members)}
@@ -64,6 +74,12 @@ _LOOP_FIGURES: Mapping[str, Callable[[Members], Picture | None]] = {
     "sensitivities": sensitivities,
     "responses": step_responses,
     "margins": margins_along,
+}
+#: the same of measured responses
+_MEASURED_FIGURES: Mapping[str, Callable[[MeasuredMembers], Picture | None]] = {
+    "bode": measured_bode,
+    "nyquist": measured_nyquist,
+    "sensitivities": measured_sensitivities,
 }
 
 
@@ -153,6 +169,8 @@ def _missed_phrase(digital: Mapping[str, Any]) -> str:
 def _proof_words(design: Mapping[str, Any], verdict: str) -> list[str]:
     if design["status"] != "solved":
         return []
+    if verdict == CHECKED:
+        return ["Checked at the measured frequencies and between them; there is no proof of measured data."]
     if verdict != "proved":
         return ["Checked in floating point, not proved."]
     checked = sum(each["verdict"] == "checked" for each in design.get(ENTRIES, ()))
@@ -177,7 +195,7 @@ def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     value = "undefined" if design["objective"] is None else number(design["objective"])
     yield "objective", f"{design['objective_quantity']}: {value}"
     if stability is not None:
-        stable = "stable" if stability["stable"] else "NOT STABLE"
+        stable = "undecided" if stability.get("undecided") else "stable" if stability["stable"] else "NOT STABLE"
         yield "stability", f"{stable}: {stability['reason']}; closest to -1 {place_phrase(stability['worst'])}"
     if nominal is not None:
         yield "nominal plant", margins_phrase(nominal)

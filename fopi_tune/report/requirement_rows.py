@@ -75,7 +75,8 @@ def place_phrase(place: Mapping[str, Any] | None) -> str:
 def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
     said, requirement = found.reported, found.requirement
     proof, outcome = said["proof"], said["outcome"]
-    verdict = verdict_word(None if outcome is None else bool(said["met"]), proof and str(proof["verdict"]))
+    met = None if outcome is None else bool(said["met"]) or outcome == "undecided"
+    verdict = verdict_word(met, proof and str(proof["verdict"]))
     has_score = outcome != "infinite" or said["met"]
     return RequirementRow(
         verdict=verdict,
@@ -103,7 +104,12 @@ def _worst(found: ReportedRequirement) -> str:
 def _achieved(said: Mapping[str, Any]) -> str:
     if said["achieved"] is not None:
         return number(said.get("achieved_at_worst", said["achieved"]), 5 if said["met"] else 9)
-    names = {"no_crossover": "no crossover", "unstable": NO_MARGIN, "beyond_nyquist": "beyond Nyquist"}
+    names = {
+        "no_crossover": "no crossover",
+        "unstable": NO_MARGIN,
+        "beyond_nyquist": "beyond Nyquist",
+        "undecided": "undecided",
+    }
     return names.get(said["outcome"], "infinite" if said["outcome"] else "–")
 
 

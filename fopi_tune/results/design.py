@@ -9,7 +9,7 @@ from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.core.margins import Margins
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.documents import to_document
-from fopi_tune.proof.verification.results import Stability, Verification
+from fopi_tune.proof.verification.results import Outcome, Stability, Verification
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.documents import (
     finite,
@@ -19,6 +19,7 @@ from fopi_tune.results.documents import (
     stability_dict,
 )
 from fopi_tune.results.equalities import equality_notes
+from fopi_tune.results.measured import digital_notes, measured_notes
 from fopi_tune.results.measures import MeasureReport, measure_reports, measures_dict
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
 from fopi_tune.results.stamp import Stamp, certificate_versions
@@ -55,7 +56,7 @@ class Design:
         message: why, in words; empty when solved.
         stamp: provenance.
         solves: runs of the solver.
-        optimum: what is proved of the best gains; None when that was not asked for.
+        optimum: what is proved of the best gains; None when not asked for.
         steady_state_error: dimensionless, the largest that a constant reference leaves over the family; None without
             stable gains.
         gap: relative; nothing that meets the requirements is better by more than this part of the objective, checked in
@@ -111,9 +112,9 @@ class Design:
             "stability": stability_dict(self.stability),
             "nominal": margins_dict(self.nominal),
             "clash": [relaxation_dict(relaxation, self.spec) for relaxation in self.clash],
-            "proof": proof_dict(self.certificate, self.proof_wanted),
+            "proof": proof_dict(self.certificate, self.proof_wanted, self.spec.is_measured),
             **measures_dict(self.measures),
-            **_of_optimum(self.optimum),
+            **({} if self.optimum is None else _of_optimum(self.optimum)),
         }
 
     def optimum_document(self) -> dict[str, Any] | None:
@@ -146,28 +147,28 @@ class Check:
     Args:
         spec: the spec.
         verification: of the gains, in floating point.
-        certificate: the proof or refutation.
+        certificate: the proof or refutation; None of measured responses, of which there is none.
         stamp: provenance.
     """
 
     spec: DesignSpec
     verification: Verification
-    certificate: Certificate
+    certificate: Certificate | None
     stamp: Stamp
 
     @property
     def status(self) -> str:
-        """`met` (proved), `violated`, or `undecided` when the verification passed but the proof is missing."""
+        """`met` (proved; measured responses: checked), `violated`, or `undecided` where something is open."""
         return verification_status(self.verification, self.certificate)
 
-    def certificate_document(self) -> dict[str, Any]:
-        """The certificate's JSON."""
-        return to_document(self.certificate)
+    def certificate_document(self) -> dict[str, Any] | None:
+        """The certificate's JSON; None without one."""
+        return to_document(self.certificate) if self.certificate else None
 
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        return requirement_reports(self.verification, self.certificate)
+        return requirement_reports(self.verification, self.certificate, self.spec.is_measured)
 
     @property
     def measures(self) -> tuple[MeasureReport, ...]:
@@ -178,8 +179,8 @@ class Check:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """By how much equalities are missed."""
-        return equality_notes(self.verification.requirements)
+        """By how much equalities are missed, and what measured responses leave open."""
+        return (*equality_notes(self.verification.requirements), *measured_notes(self.spec, self.verification.gains))
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
@@ -212,7 +213,7 @@ class Discretized:
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        return requirement_reports(self.verification, self.certificate)
+        return requirement_reports(self.verification, self.certificate, self.spec.is_measured)
 
     @property
     def cost(self) -> StepCost:
@@ -223,8 +224,8 @@ class Discretized:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """By how much equalities are missed."""
-        return equality_notes(self.verification.requirements)
+        """By how much equalities are missed, and what measured responses leave open."""
+        return (*equality_notes(self.verification.requirements), *digital_notes(self.spec, self.verification.gains))
 
     def certificate_document(self) -> dict[str, Any] | None:
         """The certificate's JSON; None without one."""
@@ -246,7 +247,8 @@ class Discretized:
         weighted = {} if weight == 1.0 else {"setpoint_weight": weight}
         return {
             **checked,
-            "loop": "sampled",
+            "loop": "continuous" if self.spec.is_measured else "sampled",
+            "notes": list(self.notes),
             **digital_document(self.controller),
             **weighted,
             "cost_of_step": asdict(self.cost),
@@ -313,7 +315,7 @@ class Run:
 
     Args:
         design: the gains.
-        digital: their digital controller; None when there is nothing to discretise, or it cannot be made.
+        digital: their digital controller; None where there is none.
         problem: why it cannot be made; empty otherwise.
     """
 
@@ -347,22 +349,25 @@ def verification_dict(
         "status": verification_status(found, certificate),
         "gains": numbers_of(found.gains),
         "objective": finite(found.objective),
-        "requirements": [report.to_dict() for report in requirement_reports(found, certificate)],
+        "requirements": [report.to_dict() for report in requirement_reports(found, certificate, spec.is_measured)],
         "stamp": asdict(stamp),
         "name": spec.name,
         "loop": loop_name(spec),
         "objective_quantity": objective_name(spec),
         "tolerance": found.tolerance,
-        "notes": list(equality_notes(found.requirements)),
+        "notes": [*equality_notes(found.requirements), *measured_notes(spec, found.gains)],
         "stability": stability_dict(found.stability),
         "nominal": margins_dict(found.nominal),
-        "proof": proof_dict(certificate, certificate is not None),
+        "proof": proof_dict(certificate, certificate is not None, spec.is_measured),
         **measures_dict(measure_reports(spec.scenario_requirements, found.measures, certificate=certificate)),
     }
 
 
 def verification_status(found: Verification, certificate: Certificate | None) -> str:
-    """`met`, `violated`, or `undecided` when the verification passed but the proof is missing."""
+    """`met`, `violated`, or `undecided` when the verification passed but the proof is missing, or stability is open."""
+    if found.stability.undecided:
+        missed = any(not each.is_met and each.outcome is not Outcome.UNDECIDED for each in found.requirements)
+        return "violated" if missed else "undecided"
     verdict = certificate.verdict if certificate else Verdict.PROVED
     if verdict is Verdict.REFUTED or not all(result.is_met for result in (*found.requirements, *found.measures)):
         return "violated"
@@ -389,10 +394,7 @@ def objective_name(spec: DesignSpec) -> str:
     return f"{name} (proxy: |integral of e exp(-t/T)| after a unit step at the plant's input, T = {horizon_s:.5g} s)"
 
 
-def _of_optimum(optimum: Optimum | None) -> dict[str, Any]:
-    """The entry of a design whose optimum was certified; what makes it is loaded by none else."""
-    if optimum is None:
-        return {}
-    from fopi_tune.optimum.documents import to_dict
+def _of_optimum(optimum: Optimum) -> dict[str, Any]:
+    from fopi_tune.optimum.documents import to_dict  # loaded by none else
 
     return {"optimum": to_dict(optimum)}

@@ -10,6 +10,7 @@ from fopi_tune.core.margins import Margins
 from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.verification.results import Place, Stability
+from fopi_tune.results.measured import checked_dict
 from fopi_tune.results.status import Price, Relaxation
 from fopi_tune.spec.model import DesignSpec, Limit
 from fopi_tune.spec.scenarios import every_requirement
@@ -40,6 +41,7 @@ def stability_dict(stability: Stability | None) -> dict[str, Any] | None:
         "worst": place_dict(stability.worst),
         "unstable_poles": stability.unstable_poles,
         "reason": stability.reason,
+        **({"undecided": True} if stability.undecided else {}),
     }
 
 
@@ -58,8 +60,10 @@ def requirement_proof_dict(proof: RequirementProof | None) -> dict[str, Any] | N
     }
 
 
-def proof_dict(certificate: Certificate | None, wanted: bool) -> dict[str, Any]:
-    """The certificate in short."""
+def proof_dict(certificate: Certificate | None, wanted: bool, is_measured: bool = False) -> dict[str, Any]:
+    """The certificate in short; of measured responses, that there is none."""
+    if is_measured:
+        return checked_dict()
     if certificate is None:
         reason = "there are no gains that pass the check" if wanted else "left out on demand: the gains are not proved"
         return {"verdict": "not_attempted", "reason": reason}

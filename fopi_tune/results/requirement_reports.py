@@ -8,9 +8,10 @@ from typing import Any
 from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.verdict import Verdict
 from fopi_tune.proof.verification.requirements import assess_requirement
-from fopi_tune.proof.verification.results import Extreme, RequirementResult, Verification
+from fopi_tune.proof.verification.results import Extreme, Outcome, RequirementResult, Verification
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.results.documents import finite, place_dict, price_dict, requirement_proof_dict
+from fopi_tune.results.measured import NO_PROOF
 from fopi_tune.results.status import Price
 from fopi_tune.spec.model import Relation, Requirement
 
@@ -25,6 +26,7 @@ class RequirementReport:
         multiplier: by how much the objective would improve if the limit were relaxed by one unit; None where not known.
         proof: what the certificate says; None without one.
         price: the multiplier checked by solving again; None where that was not asked for, or the multiplier is zero.
+        is_checked: whether the plant is measured, of which there is no proof.
     """
 
     requirement: Requirement
@@ -32,6 +34,15 @@ class RequirementReport:
     multiplier: float | None
     proof: RequirementProof | None = None
     price: Price | None = None
+    is_checked: bool = False
+
+    @property
+    def verdict(self) -> str | None:
+        """Of the certificate, or `checked` of measured responses; None without either, before `met` is asked."""
+        if self.is_checked:
+            undecided = self.result is not None and self.result.outcome is Outcome.UNDECIDED
+            return "undecided" if undecided else "checked"
+        return None if self.proof is None else self.proof.verdict.value
 
     def to_dict(self) -> dict[str, Any]:
         """As in the result's JSON; infinite and missing numbers are null, and `outcome` says which."""
@@ -56,8 +67,16 @@ class RequirementReport:
             "worst": place_dict(result.worst) if result else None,
             "multiplier": finite(self.multiplier),
             "multiplier_checked": price_dict(self.price),
-            "proof": requirement_proof_dict(self.proof),
+            "proof": self._checked_dict() if self.is_checked else requirement_proof_dict(self.proof),
         }
+
+    def _checked_dict(self) -> dict[str, Any] | None:
+        """In place of a proof, of measured responses; None without gains."""
+        if self.result is None:
+            return None
+        verdict = self.verdict if self.result.is_met or self.verdict == "undecided" else "violated"
+        bounds = {"proved_from": None, "proved_to": None, "relative_gap": None, "boxes": 0}
+        return {"verdict": verdict, **bounds, "reason": NO_PROOF}
 
     def _at_worst(self) -> dict[str, Any]:
         """Of a line of `by_frequency`, the value and the limit at the worst frequency."""
@@ -69,10 +88,14 @@ class RequirementReport:
         return {"achieved_at_worst": finite(there), "limit_at_worst": requirement.limit_at(omega)}
 
 
-def requirement_reports(found: Verification, certificate: Certificate | None) -> tuple[RequirementReport, ...]:
-    """The requirements, each with its result and, with a certificate, its proof."""
+def requirement_reports(
+    found: Verification, certificate: Certificate | None, is_checked: bool = False
+) -> tuple[RequirementReport, ...]:
+    """The requirements, each with its result and, with a certificate, its proof; `is_checked` of measured responses."""
     if certificate is None:
-        return tuple(RequirementReport(result.requirement, result, None) for result in found.requirements)
+        return tuple(
+            RequirementReport(result.requirement, result, None, is_checked=is_checked) for result in found.requirements
+        )
     return tuple(
         RequirementReport(result.requirement, with_witness(result, proof, found.tolerance), None, proof)
         for result, proof in zip(found.requirements, certificate.requirements, strict=True)

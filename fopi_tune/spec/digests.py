@@ -25,7 +25,7 @@ DIGITAL_PARTS = (*DESIGN_PARTS, "digital")
 #: parts that evidence from drawn plants depends on; how they were drawn it says itself
 EVIDENCE_PARTS = (*DIGITAL_PARTS, "scenarios")
 #: fields that say where something is written, or are for people
-_LEFT_OUT = ("line", "measurement_unit", "output_unit", "table")
+_LEFT_OUT = ("line", "measurement_unit", "output_unit", "table", "source_files")
 #: fields of the section `digital` that the loop of the requirements does not depend on
 _BESIDE_LOOP = ("output_limits", "output_rate_per_s", "measurement_unit", "output_unit")
 

@@ -11,6 +11,8 @@ from fopi_tune.core.plant import PLANT_MODELS, PlantModel
 from fopi_tune.spec.controllers import DEFAULT_CONTROLLER, controller_shape
 from fopi_tune.spec.digital import digital_shape
 from fopi_tune.spec.fractional_plants.refusals import refuse_for_fractional
+from fopi_tune.spec.frequency_response.plants import resolve_responses, sha256_with_data
+from fopi_tune.spec.frequency_response.refusals import refuse_for_measured
 from fopi_tune.spec.lists.parameters import PARAMETERS, shared_parameters_shape, with_shared_parameters
 from fopi_tune.spec.lists.plants import plants_shape, refuse_both_words, refuse_for_lists
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange, Sense
@@ -89,6 +91,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     values = _read_sections(shape, place)
     if values is None:
         return None
+    values["plant"] = resolve_responses(values.get("plant"), read)
     read_in = (each if isinstance(each, list) else [each] for each in values.get("requirements") or [])
     every = [each for some in read_in for each in some if each is not None]
     placed = [each for each in every if isinstance(each, PlacedRequirement)]
@@ -100,6 +103,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     if place.has("plants"):
         refuse_for_lists(values, measured, place)
     refuse_for_fractional(values, place)
+    refuse_for_measured(values, placed, place)
     placed_validation: PlacedValidation | None = values.get("validation")
     # what is checked against the plant is refused beside a list of plants
     family = None if place.has("plants") else values.get("plant")
@@ -118,7 +122,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
         limits=tuple(each.limit for each in values.get("limits") or ()),
         scenario_requirements=tuple(each.limit for each in measured),
         description=values.get("description", ""),
-        sha256=sha256,
+        sha256=sha256_with_data(sha256, values["plant"]),
         schema=values["schema"],
     )
 

@@ -9,6 +9,7 @@ from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.distributions import Distribution
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.parameter_table import SamplesFile
 from fopi_tune.core.plant import JointFamily, PlantFamily
 from fopi_tune.core.terms.controller_spec import ControllerSpec as ControllerSpec
@@ -217,6 +218,11 @@ class DesignSpec:
     content_sha256: str = field(default="", compare=False, repr=False)
     scenario_requirements: tuple[Limit, ...] = ()
     reference: PlantFamily | None = None
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the plant is known by measured frequency responses: requirements are then checked, never proved."""
+        return isinstance(self.plant, MeasuredFamily)
 
     @property
     def nominal_family(self) -> PlantFamily:

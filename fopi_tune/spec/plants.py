@@ -8,9 +8,11 @@ from functools import partial
 from typing import Any
 
 from fopi_tune.core.fractional_plants.family import FRACTIONAL
+from fopi_tune.core.measured.family import FREQUENCY_RESPONSE
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, PlantModel, Uncertain
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.fractional_plants.record import fractional_record
+from fopi_tune.spec.frequency_response.plants import frequency_response_record
 from fopi_tune.spec.parametric.models import ZEROS_POLES, parametric_record, zeros_poles_record
 from fopi_tune.spec.yaml.advice import Advised, range_advice
 from fopi_tune.spec.yaml.nodes import Place, ScalarNode, SequenceNode
@@ -32,15 +34,16 @@ _EXAMPLE = "{model: lag, static_gain: 1.0, time_constant_s: 2.0}"
 
 
 def plant_shape(listed: Callable[[Record], Record] = lambda record: record) -> Shape:
-    """Reads to a `PlantFamily`, or what `listed` makes of each model's record."""
+    """Reads to a `PlantFamily`, of files to a `PlacedResponses`, or what `listed` makes of each model's record."""
     meaning, number = "the plant; every number of it may be uncertain", uncertain_shape("a number")
     plain = {name: listed(_model_record(model)) for name, model in PLANT_MODELS.items()}
     coefficient = uncertain_shape("what multiplies the power of s")
     plain[FRACTIONAL] = listed(fractional_record(uncertain_shape(_MEANINGS[_DEAD_TIME]), coefficient))
     zeros_poles = listed(zeros_poles_record(number, _MEANINGS))
     named = {name: listed(parametric_record(model, number, _MEANINGS)) for name, model in PLANT_MODELS.items()}
+    measured = listed(frequency_response_record())
     return _Plant(
-        TaggedUnion(meaning, "model", {**plain, ZEROS_POLES: zeros_poles}, _EXAMPLE),
+        TaggedUnion(meaning, "model", {**plain, FREQUENCY_RESPONSE: measured, ZEROS_POLES: zeros_poles}, _EXAMPLE),
         TaggedUnion(meaning, "model", {**named, ZEROS_POLES: zeros_poles}, _EXAMPLE),
     )
 

@@ -11,6 +11,7 @@ from typing import Any
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.fractional_plants.family import is_fractional
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.plant import JointFamily, Uncertain
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.quantities import QUANTITIES
@@ -300,6 +301,9 @@ def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: S
         return None
     if isinstance(spec.plant, PlantList):
         where.refuse("a mode's spec has one plant in this version; write plant: in place of plants:")
+        return None
+    if isinstance(spec.plant, MeasuredFamily):
+        where.refuse("a mode's plant is simulated, which a measured response cannot be; write its transfer function")
         return None
     numerator, denominator, dead_time = spec.plant.assemble({})
     if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec.model import DesignSpec, ValidationSpec
 from fopi_tune.spec.validation import FileReader
@@ -140,7 +141,8 @@ def _make_cell(
 def _files(specs: Sequence[DesignSpec], read: FileReader) -> tuple[tuple[str, bytes], ...]:
     """Names and contents of the files that specs name."""
     listed = (spec.validation.samples_file for spec in specs if spec.validation is not None)
-    names = sorted({each.name for each in listed if each is not None})
+    measured = (spec.plant.source_files for spec in specs if isinstance(spec.plant, MeasuredFamily))
+    names = sorted({each.name for each in listed if each is not None}.union(*measured))
     return tuple((name, read(name)) for name in names)
 
 

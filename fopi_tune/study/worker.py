@@ -16,7 +16,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.errors import FopiError
+from fopi_tune.errors import FopiError, SpecError
 from fopi_tune.pipeline.discretize import discretize
 from fopi_tune.pipeline.prove import prove
 from fopi_tune.pipeline.tune import tune
@@ -237,16 +237,20 @@ def _spec(text: str, name: str, files: Files) -> DesignSpec:
 @lru_cache(_MAX_DESIGNS)
 def _cached_design(text: str, name: str, files: Files, base: str, proof: bool) -> Design:
     """The design of a spec; cells that differ only in the spec of the check share it."""
-    start = _base_neighbour(base) if base else None
+    start = _base_neighbour(base, files) if base else None
     return tune(_spec(text, name, files), proof=proof, start=start, bracket=False)
 
 
 @lru_cache(_MAX_BASES)
-def _base_neighbour(text: str) -> Neighbour | None:
+def _base_neighbour(text: str, files: Files) -> Neighbour | None:
     """A base spec with its gains, where it has a solution that is searched."""
     from fopi_tune.design import neighbour
 
-    spec = spec_from_text(text)
+    try:
+        spec = spec_from_text(text, files=files)
+    except SpecError:
+        # the cell has other data than its base: it starts without
+        return None
     if spec.controller.fixed is not None:
         return None
     design = tune(spec, proof=False, bracket=False)

@@ -344,7 +344,8 @@ def test_a_phase_margin_of_180_deg_can_be_asked_for(words: str) -> None:
         (
             "{gain: 1}",
             [
-                "4:8: plant.model: the key is missing; add it with lag, pole, transfer_function, fractional or "
+                "4:8: plant.model: the key is missing; add it with lag, pole, transfer_function, fractional, "
+                "frequency_response or "
                 "zeros_poles"
             ],
         ),

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.plant import Plant, PlantFamily, Uncertain
 from fopi_tune.errors import DomainError
 
@@ -239,8 +240,8 @@ def members_of(family: PlantFamily) -> tuple[PlantMember, ...]:
 
 
 def named_place(family: PlantFamily, point: Array) -> str:
-    """The name of the member of a list at a place of it; empty for another family."""
-    return family.name_at(point) if isinstance(family, PlantList) else ""
+    """The name of the member of a list, or of measured responses, at a place of it; empty for another family."""
+    return family.name_at(point) if isinstance(family, PlantList | MeasuredFamily) else ""
 
 
 def _stacked(count: int, parts: Sequence[tuple[NDArray[np.intp], Array]]) -> Array:

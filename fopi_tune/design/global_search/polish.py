@@ -83,7 +83,8 @@ _MOST_STALLED = 3
 #: solves without what held the gains at the end of another one, and |v| within which it is that
 _MOST_FREED, _SAME_PLACE = 4, 0.2
 
-_OBJECTIVE_ROWS = {
+#: kinds and sides of the rows that an objective adds
+OBJECTIVE_ROWS = {
     S_PEAK: ((S, 1),),
     CS_PEAK: ((CS, 1),),
     PS_PEAK: ((PS, 1),),
@@ -142,7 +143,7 @@ class Polish:
         self.table = problem.fine_table
         own = problem.rows(self.table)
         self.real_rows = len(own.kind)
-        self.rows = _with_objective(own, _OBJECTIVE_ROWS.get(self.code, ()), self.table)
+        self.rows = with_objective(own, OBJECTIVE_ROWS.get(self.code, ()), self.table)
         self.in_t = np.concatenate(
             [
                 own.in_depth * 1.0 if self.code == DEPTH else np.zeros(self.real_rows),
@@ -379,8 +380,8 @@ def _is_of(finding: Array, places: tuple[tuple[int, float], ...]) -> bool:
     return any(finding[ROW] == row and abs(finding[V] - v) < _SAME_PLACE for row, v in places)
 
 
-def _with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) -> Rows:
-    """The rows of requirements, then those of the objective."""
+def with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) -> Rows:
+    """The rows of requirements, `own`, then those of the objective, `more` with kind and side, on a `table`."""
     if not more:
         return own
     count, last = len(more), len(table.v) - 1

@@ -27,7 +27,14 @@ from fopi_tune.design.global_search.compiled import (
 )
 from fopi_tune.design.global_search.controllers import FILTER, MU
 from fopi_tune.design.global_search.families.fractional import sides_at_real
-from fopi_tune.design.global_search.nonlinear.program import ERRORS, INDEX, PARAMETERS, PARAMETERS_WITH_ORDERS
+from fopi_tune.design.global_search.nonlinear.program import (
+    ERRORS,
+    INDEX,
+    KNOTS,
+    MEASURED_PARAMETERS,
+    PARAMETERS,
+    PARAMETERS_WITH_ORDERS,
+)
 from fopi_tune.design.global_search.responses import (
     AT_FIXED,
     AT_GAIN,
@@ -71,9 +78,17 @@ class Slot:
     by_level: bool = False
 
 
-def idle_slot(plant: Array) -> Slot:
-    """A slot that asks for nothing."""
+def idle_slot(plant: Array, is_measured: bool = False) -> Slot:
+    """A slot that asks for nothing.
+
+    Args:
+        plant: its coefficients.
+        is_measured: whether the program's plants are measured curves.
+    """
     p = _parameters_of(plant)
+    if is_measured:
+        p = np.concatenate([p, np.zeros(MEASURED_PARAMETERS - PARAMETERS)])
+        p[PARAMETERS : PARAMETERS + KNOTS] = np.arange(float(KNOTS))
     p[INDEX["fixed"]] = p[INDEX["limit"]] = p[INDEX["sign"]] = 1.0
     return Slot(p, 0.0, -1)
 

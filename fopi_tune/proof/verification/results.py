@@ -24,6 +24,8 @@ class Outcome(StrEnum):
     INFINITE = "infinite"
     #: a band of frequencies above Nyquist's, where a loop on samples has no response; never met
     BEYOND_NYQUIST = "beyond_nyquist"
+    #: a margin of a loop of which a measured response does not tell whether it is stable
+    UNDECIDED = "undecided"
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,7 @@ class Stability:
         unstable_poles: closed-loop poles in the right half-plane of that member; None when they cannot be counted: on
             the axis, or infinitely many.
         reason: one sentence.
+        undecided: whether a measured response leaves open whether the loop is stable; `stable` is then False.
     """
 
     stable: bool
@@ -134,6 +137,7 @@ class Stability:
     worst: Place
     unstable_poles: int | None
     reason: str
+    undecided: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,12 @@ from dataclasses import replace
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.margins import margins_of
+from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.lists import of_members
+from fopi_tune.proof.verification.measured import reassessed, verify_measured
 from fopi_tune.proof.verification.objectives import evaluate_objective, smallest_slack
 from fopi_tune.proof.verification.requirements import assess_requirement, check_requirement
 from fopi_tune.proof.verification.results import MeasureResult, Verification
@@ -40,13 +42,16 @@ def verify(
         implementation: the digital controller that approximates the gains; the loop is then the one on its samples,
             up to Nyquist's frequency.  None checks the ideal controller in continuous time.
 
-    Of a list of plants each member is verified, and the worst of all counts.
+    Of a list of plants each member is verified, and the worst of all counts.  Measured responses are verified as they
+    are interpolated, of the ideal controller.
 
     Raises:
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
     if isinstance(spec.plant, PlantList):
         return of_members(spec, spec.plant, _verified_members(spec, spec.plant, gains, tolerance, implementation))
+    if isinstance(spec.plant, MeasuredFamily):
+        return verify_measured(spec, spec.plant, gains, tolerance)
     loop = frequency_part(spec)
     samples = SamplePair(Sample.of(spec.plant, gains, implementation, spec.reference))
     stability = check_stability(samples.base)
@@ -99,6 +104,8 @@ def reassess(spec: DesignSpec, found: Verification) -> Verification:
     if isinstance(spec.plant, PlantList):
         each = zip(member_specs(spec), found.members, strict=True)
         return of_members(spec, spec.plant, [reassess(member, known) for member, known in each])
+    if spec.is_measured:
+        return reassessed(spec, found)
     pairs = zip(spec.requirements, found.requirements, strict=True)
     requirements = tuple(assess_requirement(requirement, old.extremes, found.tolerance) for requirement, old in pairs)
     measures = found.measures

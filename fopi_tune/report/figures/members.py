@@ -209,7 +209,12 @@ class Members:
 
 
 def members_of(documents: ResultDocuments) -> Members | None:
-    """The plants to draw; None where there is no loop, or its digital controller is not among the documents."""
+    """The plants to draw; None where there is no loop, or its digital controller is not among the documents.
+
+    Nor of measured responses, which have figures of their own.
+    """
+    if documents.spec.is_measured:
+        return None
     gains = documents.gains
     if loop_name(documents.spec) == "sampled" and documents.implementation is None:
         return None

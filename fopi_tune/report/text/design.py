@@ -59,6 +59,13 @@ _WHAT, _ACHIEVED, _SCORE, _MULTIPLIER = 38, 12, 9, 11
 _ROUNDING = 1e-6
 #: a steady-state error below this is none
 _NO_ERROR = 1e-9
+#: of measured responses
+CHECKED = (
+    "All requirements are met at the measured frequencies and between them: checked, as there is no proof of measured "
+    "data."
+)
+_NO_CLAIM = "no margins: stability is undecided"
+UNDECIDED = "The measurement leaves something open; see stability."
 #: headings of gains that are no solution
 _GAINS_TITLES = {
     "infeasible": "These gains come nearest; they are no solution:",
@@ -95,6 +102,8 @@ def _headline(design: Design) -> str:
     status = design.status.value
     if status != "solved":
         return f"{status}. {design.advice}"
+    if design.spec.is_measured:
+        return f"{status}. {CHECKED}"
     if design.certificate is None:
         return f"{status}, not proved. {design.advice[:-1]}, as far as a check in floating point tells."
     return f"{status}. {proved_sentence(design.spec, design.measures)}"
@@ -118,11 +127,13 @@ def _is(several: Sequence[object]) -> str:
 def check_text(check: Check) -> Text:
     """The verification of given gains, laid out as that of a design."""
     found = check.verification
-    if check.status == "met":
+    if check.spec.is_measured and check.status != "violated":
+        said = CHECKED if check.status == "met" else UNDECIDED
+    elif check.status == "met":
         said = proved_sentence(check.spec, check.measures)
     elif check.status == "undecided":
         said = "The gains pass the check in floating point; not everything could be proved."
-    elif found.stability.stable:
+    elif found.stability.stable or found.stability.undecided:
         said = "The gains do not meet the requirements that are marked."
     else:
         said = "The loop is not stable for every plant of the family."
@@ -170,9 +181,8 @@ def requirement_lines(
 
 def _requirement(report: RequirementReport, objective: float | None, priced: bool) -> Iterator[Line]:
     requirement, result = report.requirement, report.result
-    verdict = verdict_word(
-        None if result is None else result.is_met, None if report.proof is None else report.proof.verdict.value
-    )
+    met = None if result is None else result.is_met or result.outcome is Outcome.UNDECIDED
+    verdict = verdict_word(met, report.verdict)
     numbers = f"{_achieved(requirement, result):>{_ACHIEVED}}{_score(requirement, result):>{_SCORE}}"
     if priced:
         numbers += f"{_multiplier(report, objective):>{_MULTIPLIER}}"
@@ -187,7 +197,7 @@ def _requirement(report: RequirementReport, objective: float | None, priced: boo
 
 
 def _achieved(requirement: Requirement, result: RequirementResult | None) -> str:
-    if result is None or result.outcome is Outcome.BEYOND_NYQUIST:
+    if result is None or result.outcome in (Outcome.BEYOND_NYQUIST, Outcome.UNDECIDED):
         return "-"
     if result.achieved is None:
         return "no margin" if result.outcome is Outcome.UNSTABLE else "no crossover"
@@ -222,6 +232,8 @@ def _worst(requirement: Requirement, result: RequirementResult) -> str:
         return f"{NO_MARGIN}{_plant(result.worst)}"
     if result.outcome is Outcome.BEYOND_NYQUIST:
         return "its band lies above Nyquist's frequency: sample faster"
+    if result.outcome is Outcome.UNDECIDED:
+        return f"a margin belongs to a stable loop, and stability is undecided{_plant(result.worst)}"
     if result.outcome is Outcome.NO_CROSSOVER:
         return f"|L| never crosses 1{_plant(result.worst)}"
     omega = result.worst.omega_rad_s
@@ -276,15 +288,19 @@ def summary_lines(
         return
     yield "", ""
     why = "a plant has no gain crossover" if stability.stable else "the loop is not stable for every plant"
+    why = "stability is undecided" if stability.undecided else why
     value = f"undefined: {why}" if objective is None else "infinite" if math.isinf(objective) else number(objective)
     yield from entry("objective", f"{objective_name}: {value}")
-    if stability.stable:
+    if stability.undecided:
+        yield from entry("stability", f"undecided{_plant(stability.worst)}: {stability.reason}", "yellow")
+    elif stability.stable:
         yield from entry("stability", f"stable: {stability.reason}; closest to -1 {_place(stability.worst)}")
     else:
         yield from entry("stability", f"NOT STABLE: {stability.reason}{_plant(stability.worst)}", BAD)
     plain = margins_dict(nominal)
     if plain is not None:
-        yield from entry("nominal", margins_phrase(plain))
+        words = margins_phrase(plain)
+        yield from entry("nominal", words.replace(NO_MARGIN, _NO_CLAIM) if stability.undecided else words)
 
 
 def steady_state_lines(error: float | None) -> Iterator[Line]:

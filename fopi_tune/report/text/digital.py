@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.report.text.certificates import proof_lines
-from fopi_tune.report.text.design import proved_sentence, requirement_lines, summary_lines
+from fopi_tune.report.text.design import CHECKED, UNDECIDED, proved_sentence, requirement_lines, summary_lines
 from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
@@ -32,6 +32,7 @@ _HEADLINES = {
     "undecided": "The loop on samples passes the check in floating point; not everything could be proved.",
     "violated": "The loop on samples does not meet the requirements that are marked.",
 }
+_MEASURED = {"undecided": UNDECIDED, "violated": "The loop does not meet the requirements that are marked."}
 
 
 def digital_text(result: Discretized) -> Text:
@@ -39,8 +40,10 @@ def digital_text(result: Discretized) -> Text:
     controller = result.controller
     digital, found, status = controller.digital, result.verification, result.status
     said = _HEADLINES[status]
-    if not found.stability.stable:
+    if not found.stability.stable and not found.stability.undecided:
         said = "The loop on samples is not stable for every plant of the family."
+    elif result.spec.is_measured:
+        said = CHECKED if status == "met" else _MEASURED[status]
     elif result.certificate is None and status == "met":
         said = "The loop on samples meets all requirements, as far as a check in floating point tells."
     elif status == "met" and result.measures:

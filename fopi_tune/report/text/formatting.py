@@ -44,10 +44,11 @@ def verdict_word(met: bool | None, proof: str | None) -> str:
 
     Args:
         met: what the check in floating point found; None without gains.
-        proof: the certificate's verdict; None without one.
+        proof: the certificate's verdict, or that of measured responses; None without one.
 
     Returns:
-        `proved`, `met` (without a certificate), `undecided`, `violated`, or `open` without gains.
+        `proved`, `checked` (measured responses), `met` (without a certificate), `undecided`, `violated`, or `open`
+        without gains.
     """
     if met is None:
         return "open"

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fopi_tune.core.families.plant_list import PlantList
+from fopi_tune.core.measured.family import NO_COEFFICIENTS
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.spec.model import DesignSpec, Objective, Requirement, Scope
@@ -47,6 +48,20 @@ def refuse_list(spec: DesignSpec, what: str) -> None:
     """
     if isinstance(spec.plant, PlantList):
         raise DomainError(f"{what} is for one plant in this version, not for a list; write plant: with one of them")
+
+
+def refuse_measured(spec: DesignSpec, what: str) -> None:
+    """Refuse measured responses where a transfer function is needed.
+
+    Args:
+        spec: the spec.
+        what: what is asked, as in "the proof of the optimum".
+
+    Raises:
+        DomainError: the spec has them.
+    """
+    if spec.is_measured:
+        raise DomainError(f"{what}: {NO_COEFFICIENTS}")
 
 
 def requirements_of(requirements: Sequence[Requirement], member: int) -> tuple[int, ...]:

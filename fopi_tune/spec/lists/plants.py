@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.spec.fractional_plants.record import fractional_tag, refuse_in_list
+from fopi_tune.spec.frequency_response.plants import PlacedResponses
 from fopi_tune.spec.plants import plant_shape
 from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values
@@ -80,6 +81,12 @@ def _listed(record: Record) -> Record:
     def build(values: Values, place: Place) -> _Listed | None:
         own = {name: value for name, value in values.items() if name not in keys}
         family = record.build(own, place)
+        if isinstance(family, PlacedResponses):
+            place.child("model").refuse(
+                "measured responses stand alone in this version; write them as plant: {model: frequency_response, "
+                "files: [a.csv, b.csv]}, each file a member"
+            )
+            return None
         written = [name for name in keys if place.has(name)]
         if family is None or any(values.get(name) is None for name in written):
             return None

@@ -27,6 +27,7 @@ class Kind(NamedTuple):
         rise_corners: of a derivative's filter.
         filtered: whether a measurement filter makes |C S| smaller.
         terms: of fractional plants the numbers of terms of N and D.
+        measured: whether plants are pieces of measured curves.
     """
 
     corners: int = 0
@@ -39,6 +40,7 @@ class Kind(NamedTuple):
     rise_corners: int = 0
     filtered: bool = False
     terms: tuple[int, int] = (0, 0)
+    measured: bool = False
 
     @classmethod
     def of(cls, sampling: Sampling, orders: bool = False) -> tuple[Kind, Array]:

@@ -49,6 +49,9 @@ NAMES = (
 )  # fmt: skip
 PARAMETERS = COEFFICIENTS + len(NAMES)
 PARAMETERS_WITH_ORDERS = PARAMETERS + WITH_ORDERS - COEFFICIENTS
+#: points of a measured curve about a slot's frequency, and a slot's parameters with them
+KNOTS = 10
+MEASURED_PARAMETERS = PARAMETERS + 5 * KNOTS
 INDEX = {name: COEFFICIENTS + k for k, name in enumerate(NAMES)}
 SIZES = (4, 8, 16, 32)
 #: rows for the discounted error
@@ -96,6 +99,44 @@ def _power_sum(coefficients: Any, orders: Any, terms: int, v: Any) -> tuple[Any,
     return real, imag
 
 
+def _polynomials(p: Any, omega: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
+    """N, D and ln|N| of a slot's plant."""
+    top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
+    return top, bottom, _log_size(top)
+
+
+def _power_sums(p: Any, terms: tuple[int, int], v: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
+    """N, D and ln|N| of a slot's fractional plant."""
+    orders = p[PARAMETERS:]
+    top = _power_sum(p[:WIDTH], orders[:WIDTH], terms[0], v)
+    return top, _power_sum(p[WIDTH : 2 * WIDTH], orders[WIDTH:], terms[1], v), _log_size(top)
+
+
+def measured_plant(p: Any, v: Any) -> tuple[tuple[Any, Any], tuple[Any, Any], Any]:
+    """A numerator with the phase of a slot's measured plant, the denominator of F, and ln|P|.
+
+    Behind the other parameters are `KNOTS` points about the slot's frequency: v, ln|P| and its slopes, the phase and
+    its slopes.  Between them the curve is cubic, as in `core/measured/curve.py`, and beyond them it goes on straight.
+
+    Args:
+        p: the slot's parameters.
+        v: its frequency.
+    """
+    at, *columns = (p[PARAMETERS + KNOTS * k : PARAMETERS + KNOTS * (k + 1)] for k in range(5))
+    values = []
+    for y, slope in (columns[:2], columns[2:]):
+        value = y[0] + slope[0] * ca.fmin(v - at[0], 0.0) + slope[KNOTS - 1] * ca.fmax(v - at[KNOTS - 1], 0.0)
+        for k in range(KNOTS - 1):
+            length = at[k + 1] - at[k]
+            part = ca.fmin(ca.fmax((v - at[k]) / length, 0.0), 1.0)
+            rise, a, b = y[k + 1] - y[k], slope[k] * length, slope[k + 1] * length
+            value += part * (a + part * (3.0 * rise - 2.0 * a - b + part * (a + b - 2.0 * rise)))
+        values.append(value)
+    omega = ca.exp(v)
+    bottom = 1.0 - p[LAG_SQUARE] * omega**2, p[LAG] * omega
+    return (ca.cos(values[1]), ca.sin(values[1])), bottom, values[0]
+
+
 def _log_size(a: tuple[Any, Any]) -> Any:
     return 0.5 * ca.log(a[0] ** 2 + a[1] ** 2)
 
@@ -113,15 +154,15 @@ def _slot(
         return p[INDEX[name]]
 
     omega = ca.exp(v)
-    if kind.terms == (0, 0):
-        top, bottom = _polynomial(p[:WIDTH], omega), _polynomial(p[WIDTH : 2 * WIDTH], omega)
+    if kind.measured:
+        top, bottom, log_top = measured_plant(p, v)
+    elif kind.terms != (0, 0):
+        top, bottom, log_top = _power_sums(p, kind.terms, v)
     else:
-        orders = p[PARAMETERS:]
-        top = _power_sum(p[:WIDTH], orders[:WIDTH], kind.terms[0], v)
-        bottom = _power_sum(p[WIDTH : 2 * WIDTH], orders[WIDTH:], kind.terms[1], v)
+        top, bottom, log_top = _polynomials(p, omega)
     controller, half = controller_parts(kp, ki, third, v, made), None if made is None else made.half
     log_c = _log_size(controller)
-    log_l = log_c + _log_size(top) - _log_size(bottom)
+    log_l = log_c + log_top - _log_size(bottom)
     # C N conj(D) has the phase of C P; `near` selects the branch
     product = times(times(controller, top), (bottom[0], -bottom[1]))
     turned = times(product, (ca.cos(of("near")), -ca.sin(of("near"))))
@@ -155,6 +196,13 @@ def _slot(
     return equation, row, of("angle") * angle
 
 
+def _parameters_of(kind: Kind) -> int:
+    """How many parameters a slot has."""
+    if kind.measured:
+        return MEASURED_PARAMETERS
+    return PARAMETERS if kind.terms == (0, 0) else PARAMETERS_WITH_ORDERS
+
+
 @lru_cache
 def solver_of(size: int, kind: Kind) -> Any:
     """Ipopt for at most `size` slots and a kind of controller.
@@ -164,8 +212,7 @@ def solver_of(size: int, kind: Kind) -> Any:
     orders also kd, the slots' rows, the error rows, the slots' equations.
     """
     z, v = ca.SX.sym("z", kind.unknowns + 1), ca.SX.sym("v", size)
-    parameters = PARAMETERS if kind.terms == (0, 0) else PARAMETERS_WITH_ORDERS
-    p, errors = ca.SX.sym("p", parameters, size), ca.SX.sym("errors", 3, ERRORS)
+    p, errors = ca.SX.sym("p", _parameters_of(kind), size), ca.SX.sym("errors", 3, ERRORS)
     whole = ca.SX.sym("whole", len(WHOLE_WITH_ORDERS if kind.orders else WHOLE))
     kp, ki, third, t = z[0] * whole[4], z[1] * whole[5], z[2] * whole[6], z[kind.unknowns]
     numbers = ca.SX.sym("numbers", kind.parameters)

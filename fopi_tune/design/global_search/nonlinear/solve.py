@@ -44,7 +44,7 @@ def solve(
     box, structure = problem.box, problem.structure
     units, count = structure.units(x), len(x)
     z = x / units
-    idle = idle_slot(problem.fine_table.members[0])
+    idle = idle_slot(problem.fine_table.members[0], problem.spec.is_measured)
     padded = slots + [idle] * (size - len(slots))
     low, high = np.full(count + 1 + size, -np.inf), np.full(count + 1 + size, np.inf)
     low[0], high[0] = box.kp_low / units[0], box.kp_high / units[0]
@@ -86,6 +86,7 @@ def solve(
     whole += [log_ki - math.log(scale_kd), -box.log_omega] if structure.has_orders else []
     kind, numbers = Kind.of(problem.scaled.sampling, structure.has_orders)
     kind = kind._replace(peaks=_asks(slots, "peak"), slopes=_asks(slots, "slope"))
+    kind = kind._replace(measured=problem.spec.is_measured)
     kind = kind._replace(filtered=problem.scale.measurement_filter is not None and _asks(slots, "log_c"))
     kind = kind._replace(terms=problem.scaled.terms)
     parameters = np.concatenate([np.ravel([slot.p for slot in padded]), errors.ravel(), whole, numbers])

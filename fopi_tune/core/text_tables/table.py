@@ -1,4 +1,4 @@
-"""The text of a recording's file -> its columns:  separator, decimal mark, comments and header are seen from the text.
+"""The text of a file of measurements -> its columns:  separator, decimal mark, comments and header are seen from it.
 
 A line of numbers has the fields of most lines and at least two numbers among them.  Nothing of a file is quoted unless
 most of its lines are lines of numbers, so that the contents of another file are not shown.
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from fopi_tune.errors import DomainError
 
-#: of a recording's file
+#: of a file of measurements
 MAX_BYTES = 32 * 1024 * 1024
 #: tried in this order; the last stands for any number of blanks.  Only beside a comma, the comma is no decimal mark
 _SEPARATORS = (";", "\t", ",", " ")
@@ -33,6 +33,26 @@ _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T]+(\S+)$", re.ASCII)
 _MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--"))
 #: what to write for times that are not understood: of 03/01/2024, day and month are not known
 TIMES_HINT = "write times as 2024-03-01 08:00:00, 08:00:00 or seconds"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a file is to hold, for messages.
+
+    Args:
+        header: a line with the names of its columns.
+        a_line: what each line is, as in "a sample".
+        two_columns: why one column is not enough.
+        quotes: whether messages quote lines of the file.
+    """
+
+    header: str
+    a_line: str
+    two_columns: str
+    quotes: bool = True
+
+
+RECORDING = Wanted("time_s,input,output", "a sample", "a plant is fitted to two columns, its input and its output")
 
 
 @dataclass(frozen=True)
@@ -67,7 +87,7 @@ class Table:
         return [[row[column] for row in rows] for column in columns]
 
 
-def read_table(text: str) -> Table:
+def read_table(text: str, wanted: Wanted = RECORDING) -> Table:
     """The lines of numbers of a file, and what its columns are called.
 
     Blank lines and lines that begin with #, % or // are left out.  Fields are separated by semicolons, tabs, commas or
@@ -75,26 +95,27 @@ def read_table(text: str) -> Table:
 
     Args:
         text: the file's contents.
+        wanted: what it is to hold.
 
     Raises:
         DomainError: too large, or no lines of numbers, or one line among them that is none; the message names it.
     """
     if len(text) > MAX_BYTES:
-        raise DomainError(f"is larger than {MAX_BYTES // 2**20} MiB; keep fewer samples or digits")
+        raise DomainError(f"is larger than {MAX_BYTES // 2**20} MiB; keep fewer lines or digits")
     numbered = list(enumerate(text.removeprefix("\ufeff").splitlines(), 1))
     comments = [(n, line.strip()) for n, line in numbered if line.lstrip().startswith(_COMMENTS)]
     lines = [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith(_COMMENTS)]
     separator, width = _separator(lines)
     if lines and 2 * sum(number(line.strip(), ",") is not None for _, line in lines) > len(lines):
-        raise DomainError("its lines have one number each; a plant is fitted to two columns, its input and its output")
+        raise DomainError(f"its lines have one number each; {wanted.two_columns}")
     first = next((k for k, (_, line) in enumerate(lines) if is_row(line, separator, width)), len(lines))
-    rows, cut = _rows(lines[first:], separator, width)
+    rows, cut = _rows(lines[first:], separator, width, wanted)
     looked_at = rows[:: max(1, len(rows) // _MOST_LINES_LOOKED_AT)]
     numbers = sum(is_row(line, separator, width) for _, line in looked_at) / len(looked_at)
     if 2 * numbers * len(rows) < len(lines):
         raise DomainError(
-            "most of its lines are no lines of numbers; write the header time_s,input,output, then a line a sample, "
-            "columns separated by commas, semicolons, tabs or blanks"
+            f"most of its lines are no lines of numbers; write the header {wanted.header}, then a line "
+            f"{wanted.a_line}, columns separated by commas, semicolons, tabs or blanks"
         )
     names, units, header = _names(lines[:first], comments, rows[0][0], separator, width)
     return Table(names, units, tuple(rows), separator, width, header, cut)
@@ -186,13 +207,13 @@ def counted(number: int, word: str) -> str:
 
 
 def _rows(
-    lines: list[tuple[int, str]], separator: str, width: int
+    lines: list[tuple[int, str]], separator: str, width: int, wanted: Wanted
 ) -> tuple[list[tuple[int, str]], tuple[int, str] | None]:
     """The lines of numbers, and a last one that is cut short."""
     if not lines:
         raise DomainError(
-            "has no lines of numbers; write the header time_s,input,output, then a line a sample, columns separated by "
-            "commas, semicolons, tabs or blanks"
+            f"has no lines of numbers; write the header {wanted.header}, then a line {wanted.a_line}, columns "
+            "separated by commas, semicolons, tabs or blanks"
         )
     wrong = [(n, line) for n, line in lines if len(split(line, separator, width)) != width]
     if not wrong:
@@ -201,9 +222,12 @@ def _rows(
     if n == lines[-1][0] and len(lines) > 1 and len(split(line, separator, width)) < width:
         return lines[:-1], (n, line)
     if 2 * len(wrong) > len(lines):
-        raise DomainError("its lines have different numbers of fields; write a line a sample, of as many fields each")
+        raise DomainError(
+            f"its lines have different numbers of fields; write a line {wanted.a_line}, of as many fields each"
+        )
     found = split(line, separator, width)
-    raise DomainError(f"line {n} has {counted(len(found), 'field')}, {quoted(line.strip())}; the others have {width}")
+    what = f", {quoted(line.strip())}" if wanted.quotes else ""
+    raise DomainError(f"line {n} has {counted(len(found), 'field')}{what}; the others have {width}")
 
 
 def _names(

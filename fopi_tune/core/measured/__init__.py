@@ -1,0 +1,1 @@
+"""Plants that are known by measured frequency responses: curves, families, loops, their crossings and stability."""
