@@ -47,7 +47,7 @@ ASKED = {
 }  # fmt: skip
 
 
-@pytest.mark.thinned
+@pytest.mark.thinned(7)
 @pytest.mark.parametrize("name", ["lag", "two", "integrator", "unstable"])
 @pytest.mark.parametrize("controller", [FOPI, PI, PID])
 @pytest.mark.parametrize("asked", ASKED)
@@ -62,7 +62,7 @@ def test_the_best_gains_are_those_of_the_sampled_plant(asked: str, controller: s
         assert measured.objective == pytest.approx(exact.objective, rel=1e-3, abs=2e-3)
 
 
-@pytest.mark.thinned
+@pytest.mark.thinned(3)
 @pytest.mark.parametrize("asked", ["ki", "peak", "lag"])
 def test_a_fopid_is_that_of_the_sampled_plant(asked: str) -> None:
     measured = tune(measured_spec(TWO, *ASKED[asked], FOPID))

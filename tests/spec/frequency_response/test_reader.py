@@ -133,7 +133,7 @@ def test_nothing_of_a_file_is_quoted() -> None:
         assert secret not in str(refused.value)
 
 
-@pytest.mark.thinned
+@pytest.mark.thinned(4)
 @pytest.mark.parametrize("seed", range(8))
 def test_damaged_files_are_read_or_refused(seed: int) -> None:
     chance = random.Random(seed)
@@ -142,7 +142,7 @@ def test_damaged_files_are_read_or_refused(seed: int) -> None:
         _table("Frequency (Hz);Gain (dB);Phase (deg)", OMEGA, DB, DEG, separator=";", comma=True),
     ]  # fmt: skip
     refused = 0
-    for _ in range(150):
+    for _ in range(100):
         try:
             found = read_response(damaged(chance.choice(good), chance), 0.0)
         except DomainError:
