@@ -18,9 +18,12 @@ from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CS,
+    DELAY,
     DELAY_MARGIN,
     GAIN_AT_REFERENCE,
     GAIN_MARGIN,
+    LAG,
+    LAG_SQUARE,
     LOOP_GAIN,
     PHASE_MARGIN,
     PHASE_SLOPE,
@@ -32,7 +35,6 @@ from fopi_tune.design.global_search.compiled import (
 from fopi_tune.design.global_search.nonlinear.program import INDEX, KNOTS, MEASURED_PARAMETERS, PARAMETERS
 from fopi_tune.design.global_search.responses import AT_FIXED, AT_GAIN, AT_PEAK, AT_PHASE, AT_REFERENCE
 from fopi_tune.design.global_search.slots import Slot
-from fopi_tune.design.global_search.tables import DELAY, LAG, LAG_SQUARE
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 
 _PI = math.pi
