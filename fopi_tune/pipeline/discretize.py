@@ -40,7 +40,7 @@ def discretized(spec: DesignSpec, gains: FoPi, proof: bool, found: Verification 
 
     digital = digital_section_of(spec)
     controller = discretize(gains, digital, nominal_crossover(spec, gains))
-    implementation = Implementation(controller.sections, digital.delay_samples)
+    implementation = Implementation(controller.sections, digital.delay_samples) if spec.has_loop_on_samples else None
     if found is None:
         found = verify(spec, gains, implementation=implementation)
     proved = proof and not spec.is_measured

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.fractional_plants.family import ON_SAMPLES, refuse_fractional_family
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
@@ -54,6 +55,7 @@ def validate(
 
     spec = load_spec(source)
     refuse_measured(spec, "drawing plants")
+    refuse_fractional_family(spec.plant, "Monte Carlo", ON_SAMPLES)
     spec = replace(spec, validation=override_validation(spec.validation, samples, seed))
     if spec.digital is not None:
         nominal = Plants.of(spec.plant.member(spec.plant.nominal_point))

@@ -247,7 +247,7 @@ class Discretized:
         weighted = {} if weight == 1.0 else {"setpoint_weight": weight}
         return {
             **checked,
-            "loop": "continuous" if self.spec.is_measured else "sampled",
+            "loop": "sampled" if self.spec.has_loop_on_samples else "continuous",
             "notes": list(self.notes),
             **digital_document(self.controller),
             **weighted,

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.fractional_plants.family import ON_SAMPLES
 from fopi_tune.core.measured.family import DIRECTIONS, SIGMAS, MeasuredFamily
 from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.quantities import QUANTITIES
@@ -16,9 +17,10 @@ from fopi_tune.spec.model import DesignSpec
 #: why there is no proof
 NO_PROOF = "there is no proof of measured data: requirements are checked at the measured frequencies and between them"
 _NOT_ON_SAMPLES = (
-    "the requirements are those of the loop with the ideal controller in continuous time: the loop on samples needs "
-    "the plant behind its hold, which a measured response does not tell; put hold and computing delay into dead_time_s"
+    "the requirements are those of the loop with the ideal controller in continuous time: {}; put hold and computing "
+    "delay into dead_time_s, 1.5 sample times are usual"
 )
+_UNKNOWN_BEHIND_HOLD = "the loop on samples needs the plant behind its hold, which a measured response does not tell"
 #: neper; the interpolation is looked at up to where |L| stays below this
 _SMALL_LOOP = math.log(0.1)
 #: relative; an end of a band that is this close to the measured one is inside
@@ -47,8 +49,11 @@ def measured_notes(spec: DesignSpec, gains: FoPi) -> tuple[str, ...]:
 
 
 def digital_notes(spec: DesignSpec, gains: FoPi) -> tuple[str, ...]:
-    """`measured_notes` of a digital controller, whose loop on samples is not known; arguments as there."""
-    return (_NOT_ON_SAMPLES, *measured_notes(spec, gains)) if spec.is_measured else ()
+    """`measured_notes` of a digital controller, and why its loop on samples is not known; arguments as there."""
+    if spec.has_loop_on_samples:
+        return ()
+    why = _UNKNOWN_BEHIND_HOLD if spec.is_measured else ON_SAMPLES.replace("it", "a fractional plant", 1)
+    return _NOT_ON_SAMPLES.format(why), *measured_notes(spec, gains)
 
 
 def _outside(spec: DesignSpec, family: MeasuredFamily) -> Iterator[str]:

@@ -9,6 +9,7 @@ from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.distributions import Distribution
+from fopi_tune.core.fractional_plants.family import is_fractional
 from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.parameter_table import SamplesFile
 from fopi_tune.core.plant import JointFamily, PlantFamily
@@ -223,6 +224,11 @@ class DesignSpec:
     def is_measured(self) -> bool:
         """Whether the plant is known by measured frequency responses: requirements are then checked, never proved."""
         return isinstance(self.plant, MeasuredFamily)
+
+    @property
+    def has_loop_on_samples(self) -> bool:
+        """Whether the plant behind a hold is known: that of a measured one is not, nor that of a fractional one."""
+        return not self.is_measured and not is_fractional(self.plant)
 
     @property
     def nominal_family(self) -> PlantFamily:

@@ -23,8 +23,10 @@ requirements:
   - {sensitivity_db: {at_most: 4}}
 objective: {maximize: ki}
 """
+LAG = "{model: lag, static_gain: 60, time_constant_s: 100, dead_time_s: 2}"
 RUNNER = CliRunner()
 GAINS = ("--kp", "0.05", "--ki", "0.02")
+SLOWER = ("--kp", "0.05", "--ki", "0.01")
 
 
 def run(*arguments: str) -> Result:
@@ -69,6 +71,38 @@ def test_what_does_not_know_fractional_plants_says_so(command: tuple[str, ...], 
 
 
 def test_a_section_about_samples_is_refused_with_its_line(tmp_path: Path) -> None:
-    done = run("run", written(tmp_path, HEAT + "digital: {sample_time_s: 0.1}\n"), "--out", str(tmp_path / "out"))
+    text = HEAT + "digital: {sample_time_s: 0.1, design: sampled}\n"
+    done = run("run", written(tmp_path, text), "--out", str(tmp_path / "out"))
     assert done.exit_code == 2
-    assert ":13:10: digital: the loop on samples of a fractional plant is not available" in words(done)
+    assert ":13:39: digital.design: the loop on samples of a fractional plant is not available" in words(done)
+
+
+def test_the_filter_is_made_and_the_loop_that_is_judged_is_the_continuous_one(tmp_path: Path) -> None:
+    text = HEAT + "digital: {sample_time_s: 0.1}\n"
+    path, out = written(tmp_path, text), str(tmp_path / "out")
+    done = run("discretize", path, *SLOWER, "--out", out)
+    assert done.exit_code == 0, done.output
+    assert "The ideal loop in continuous time meets all requirements, proved" in words(done)
+    assert "behind a hold a fractional plant remembers all of its past" in words(done)
+    folder = next(tmp_path.rglob("digital.json")).parent
+    said = json.loads((folder / "digital.json").read_text(encoding="utf-8"))
+    assert said["loop"] == "continuous"
+    assert said["proof"]["verdict"] == "proved"
+    # the filter is that of the gains, whatever the plant is
+    lag = text.replace(text[text.index("plant:") : text.index("controller:")], f"plant: {LAG}\n").replace("heat", "lag")
+    (tmp_path / "lag.yaml").write_text(lag, encoding="utf-8")
+    other = json.loads(
+        run("discretize", str(tmp_path / "lag.yaml"), *SLOWER, "--json", "--out", str(tmp_path / "lag")).stdout
+    )
+    assert other["loop"] == "sampled"
+    assert said["controller"] == other["controller"]
+    # of gains that miss a limit, no design on samples is advised
+    missed = run("discretize", path, *GAINS, "--out", str(tmp_path / "missed"))
+    assert missed.exit_code == 1
+    assert "does not meet the requirements that are marked" in words(missed)
+    assert "design: sampled" not in words(missed)
+    again = run("prove", "--recheck", str(folder / "digital_certificate.json"), path)
+    assert again.exit_code == 0, again.output
+    drawn = run("validate", path, *SLOWER, "--out", out)
+    assert drawn.exit_code == 2
+    assert "Monte Carlo of a fractional plant is not available in this version: behind a hold" in words(drawn)

@@ -33,6 +33,11 @@ _HEADLINES = {
     "violated": "The loop on samples does not meet the requirements that are marked.",
 }
 _MEASURED = {"undecided": UNDECIDED, "violated": "The loop does not meet the requirements that are marked."}
+_FRACTIONAL = {
+    "met": "The ideal loop in continuous time meets all requirements, proved for every plant and frequency.",
+    "undecided": "The ideal loop in continuous time passes the check in floating point; not everything is proved.",
+    "violated": "The ideal loop in continuous time does not meet the requirements that are marked.",
+}
 
 
 def digital_text(result: Discretized) -> Text:
@@ -41,9 +46,12 @@ def digital_text(result: Discretized) -> Text:
     digital, found, status = controller.digital, result.verification, result.status
     said = _HEADLINES[status]
     if not found.stability.stable and not found.stability.undecided:
-        said = "The loop on samples is not stable for every plant of the family."
+        loop = "loop on samples" if result.spec.has_loop_on_samples else "loop"
+        said = f"The {loop} is not stable for every plant of the family."
     elif result.spec.is_measured:
         said = CHECKED if status == "met" else _MEASURED[status]
+    elif not result.spec.has_loop_on_samples:
+        said = _FRACTIONAL["undecided" if result.certificate is None and status == "met" else status]
     elif result.certificate is None and status == "met":
         said = "The loop on samples meets all requirements, as far as a check in floating point tells."
     elif status == "met" and result.measures:
@@ -75,7 +83,8 @@ def digital_text(result: Discretized) -> Text:
     lines += requirement_lines(result.reports, found.objective, result.measures)
     for note in result.notes:
         lines += wrapped(f"{note}.", "yellow")
-    if status == "violated" and found.stability.stable and not digital.designs_sampled:
+    helps = result.spec.has_loop_on_samples and not digital.designs_sampled
+    if status == "violated" and found.stability.stable and helps:
         lines += wrapped(
             "`design: sampled` in the spec's section digital finds gains whose loop on samples meets them."
         )

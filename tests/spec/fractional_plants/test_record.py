@@ -85,7 +85,11 @@ def test_a_mistake_is_named(old: str, new: str, expected: str) -> None:
 @pytest.mark.parametrize(
     ("section", "place", "expected"),
     [
-        ("digital: {sample_time_s: 0.1, design: sampled}\n", "digital", "the loop on samples of a fractional plant"),
+        (
+            "digital: {sample_time_s: 0.1, design: sampled}\n",
+            "digital.design",
+            "the loop on samples of a fractional plant is not available",
+        ),
         (
             "digital: {sample_time_s: 0.1}\nscenarios: [{name: s, duration_s: 9, reference: [{at_s: 0, value: 1}]}]\n",
             "scenarios",
