@@ -126,6 +126,8 @@ def _other_files(
 
 
 def _certificate_file(result: Design | Check | Discretized, name: str) -> Iterator[tuple[str, str]]:
+    if result.spec.is_measured:
+        return
     document = result.certificate_document()
     if document is not None:
         yield name, to_json(document) + "\n"

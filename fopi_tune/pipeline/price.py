@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.tune import tune
-from fopi_tune.results.design import Design, objective_name
+from fopi_tune.results.design import Design
+from fopi_tune.results.documents import objective_name
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.load import Source

@@ -14,7 +14,7 @@ from typing import Any
 from fopi_tune.report.documents import Document, ReportedRequirement, ResultDocuments
 from fopi_tune.report.requirement_rows import RequirementRow, requirement_rows
 from fopi_tune.report.text.formatting import number, requirement_phrase, scope_phrase
-from fopi_tune.results.design import loop_name
+from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.model import Relation, Requirement, Sense
 
 #: designs on a page: more lines than these cannot be told apart

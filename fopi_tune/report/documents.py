@@ -19,7 +19,8 @@ from fopi_tune.proof.documents import digest
 from fopi_tune.proof.strict_json import JsonObject
 from fopi_tune.report.document_shapes import check_design, check_digital, check_evidence
 from fopi_tune.report.measure_entries import measures_met
-from fopi_tune.results.design import Run, loop_name
+from fopi_tune.results.design import Run
+from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.default_objective import with_default_objective
 from fopi_tune.spec.digests import DESIGN_PARTS, DIGITAL_PARTS, EVIDENCE_PARTS, digests_of, is_of_spec
 from fopi_tune.spec.model import DesignSpec, Requirement

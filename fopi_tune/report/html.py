@@ -39,7 +39,7 @@ from fopi_tune.report.text.formatting import (
     sentence,
 )
 from fopi_tune.report.text.measures import limit_phrase, limit_scope_phrase
-from fopi_tune.results.design import loop_name
+from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.scenarios import every_requirement
 
 #: the report's file

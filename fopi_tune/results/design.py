@@ -7,19 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.core.margins import Margins
+from fopi_tune.errors import DomainError
 from fopi_tune.proof.certificate import Certificate, Verdict
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.verification.results import Outcome, Stability, Verification
-from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.documents import (
     finite,
+    loop_name,
     margins_dict,
+    objective_name,
     proof_dict,
     relaxation_dict,
     stability_dict,
 )
 from fopi_tune.results.equalities import equality_notes
-from fopi_tune.results.measured import digital_notes, measured_notes
+from fopi_tune.results.measured import NO_PROOF, digital_notes, measured_notes
 from fopi_tune.results.measures import MeasureReport, measure_reports, measures_dict
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
 from fopi_tune.results.stamp import Stamp, certificate_versions
@@ -147,35 +149,48 @@ class Check:
     Args:
         spec: the spec.
         verification: of the gains, in floating point.
-        certificate: the proof or refutation; None of measured responses, of which there is none.
+        proof: the certificate; None of measured responses, of which there is no proof.
         stamp: provenance.
     """
 
     spec: DesignSpec
     verification: Verification
-    certificate: Certificate | None
+    proof: Certificate | None
     stamp: Stamp
 
     @property
     def status(self) -> str:
         """`met` (proved; measured responses: checked), `violated`, or `undecided` where something is open."""
-        return verification_status(self.verification, self.certificate)
+        return verification_status(self.verification, self.proof)
 
-    def certificate_document(self) -> dict[str, Any] | None:
-        """The certificate's JSON; None without one."""
-        return to_document(self.certificate) if self.certificate else None
+    @property
+    def certificate(self) -> Certificate:
+        """The proof or refutation.
+
+        Raises:
+            DomainError: the plant is known by measured responses, of which there is none.
+        """
+        if self.proof is None:
+            raise DomainError(NO_PROOF)
+        return self.proof
+
+    def certificate_document(self) -> dict[str, Any]:
+        """The certificate's JSON.
+
+        Raises:
+            DomainError: as `certificate`.
+        """
+        return to_document(self.certificate)
 
     @property
     def reports(self) -> tuple[RequirementReport, ...]:
         """The requirements, each with its result and its proof."""
-        return requirement_reports(self.verification, self.certificate, self.spec.is_measured)
+        return requirement_reports(self.verification, self.proof, self.spec.is_measured)
 
     @property
     def measures(self) -> tuple[MeasureReport, ...]:
         """The requirements on measures of scenarios, each with its result."""
-        return measure_reports(
-            self.spec.scenario_requirements, self.verification.measures, certificate=self.certificate
-        )
+        return measure_reports(self.spec.scenario_requirements, self.verification.measures, certificate=self.proof)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -184,7 +199,7 @@ class Check:
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON, shaped as a design's."""
-        return verification_dict(self.spec, self.verification, self.certificate, self.stamp)
+        return verification_dict(self.spec, self.verification, self.proof, self.stamp)
 
 
 @dataclass(frozen=True)
@@ -374,24 +389,6 @@ def verification_status(found: Verification, certificate: Certificate | None) ->
     if not found.stability.stable and certificate is None:
         return "violated"
     return "met" if verdict is Verdict.PROVED and found.all_met else "undecided"
-
-
-def loop_name(spec: DesignSpec) -> str:
-    """Which loop the requirements are about."""
-    return "sampled" if spec.digital is not None and spec.digital.designs_sampled else "continuous"
-
-
-def objective_name(spec: DesignSpec) -> str:
-    """The objective in words, unit included; a proxy says what it is."""
-    if spec.objective is None:
-        return "smallest slack (natural units)"
-    name = f"{spec.objective.sense.value} {spec.objective.quantity}"
-    if spec.objective.scenario is not None:
-        return f"{name} in scenario {spec.objective.scenario}, the worst plant's"
-    if spec.objective.quantity != ObjectiveKind.IAE_DISTURBANCE:
-        return name
-    horizon_s = spec.objective.horizon_s or default_horizon_s(spec.plant)
-    return f"{name} (proxy: |integral of e exp(-t/T)| after a unit step at the plant's input, T = {horizon_s:.5g} s)"
 
 
 def _of_optimum(optimum: Optimum) -> dict[str, Any]:

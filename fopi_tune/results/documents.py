@@ -10,6 +10,7 @@ from fopi_tune.core.margins import Margins
 from fopi_tune.proof.certificate import Certificate, RequirementProof
 from fopi_tune.proof.documents import to_document
 from fopi_tune.proof.verification.results import Place, Stability
+from fopi_tune.quantities.objectives import ObjectiveKind, default_horizon_s
 from fopi_tune.results.measured import checked_dict
 from fopi_tune.results.status import Price, Relaxation
 from fopi_tune.spec.model import DesignSpec, Limit
@@ -116,3 +117,21 @@ def relaxation_dict(relaxation: Relaxation, spec: DesignSpec) -> dict[str, Any]:
         "give": finite(relaxation.amount),
         "new_limit": finite(relaxation.new_limit),
     }
+
+
+def loop_name(spec: DesignSpec) -> str:
+    """Which loop the requirements are about."""
+    return "sampled" if spec.digital is not None and spec.digital.designs_sampled else "continuous"
+
+
+def objective_name(spec: DesignSpec) -> str:
+    """The objective in words, unit included; a proxy says what it is."""
+    if spec.objective is None:
+        return "smallest slack (natural units)"
+    name = f"{spec.objective.sense.value} {spec.objective.quantity}"
+    if spec.objective.scenario is not None:
+        return f"{name} in scenario {spec.objective.scenario}, the worst plant's"
+    if spec.objective.quantity != ObjectiveKind.IAE_DISTURBANCE:
+        return name
+    horizon_s = spec.objective.horizon_s or default_horizon_s(spec.plant)
+    return f"{name} (proxy: |integral of e exp(-t/T)| after a unit step at the plant's input, T = {horizon_s:.5g} s)"

@@ -22,7 +22,7 @@ from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.sample import Sample
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.text.formatting import number
-from fopi_tune.results.design import loop_name
+from fopi_tune.results.documents import loop_name
 
 _POINTS = 240
 #: worst plants that are drawn: more lines than this cannot be told apart

@@ -40,8 +40,8 @@ from fopi_tune.report.text.formatting import (
 )
 from fopi_tune.report.text.measures import limit_phrase, limit_scope_phrase, measure_lines
 from fopi_tune.report.text.tradeoff import price_lines
-from fopi_tune.results.design import Check, Design, loop_name, objective_name
-from fopi_tune.results.documents import margins_dict
+from fopi_tune.results.design import Check, Design
+from fopi_tune.results.documents import loop_name, margins_dict, objective_name
 from fopi_tune.results.requirement_reports import RequirementReport
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
@@ -143,7 +143,7 @@ def check_text(check: Check) -> Text:
     for note in check.notes:
         lines += wrapped(f"{note}.", "yellow")
     lines += summary_lines(objective_name(check.spec), found.objective, found.stability, found.nominal)
-    lines += proof_lines(check.certificate)
+    lines += proof_lines(check.proof)
     return to_text(lines)
 
 

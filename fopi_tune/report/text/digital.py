@@ -22,7 +22,7 @@ from fopi_tune.report.text.formatting import (
     with_unit,
     wrapped,
 )
-from fopi_tune.results.design import objective_name
+from fopi_tune.results.documents import objective_name
 
 if TYPE_CHECKING:
     from fopi_tune.results.design import Discretized

@@ -8,8 +8,8 @@ import pytest
 from cases.measured import RESONANCE, curve, measured_spec
 
 from fopi_tune.core.measured.curve import Curve
+from fopi_tune.design.global_search.compiled import DELAY, LAG
 from fopi_tune.design.global_search.nonlinear.program import MEASURED_PARAMETERS, measured_plant
-from fopi_tune.design.global_search.tables import DELAY, LAG
 from fopi_tune.design.measured.problem import problem_of
 from fopi_tune.design.measured.slots import plant_at
 
