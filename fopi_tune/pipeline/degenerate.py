@@ -154,6 +154,8 @@ def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:
                 yield f"{name} is at the {word} end of its range, {end:g}: a wider range may give a better design"
     times = controller.filter_times
     for name, (low, high) in ({} if times is None else times.ranges).items():
+        if name == DERIVATIVE_NAMES[1] and derivative_of(gains).kd == 0.0:
+            continue
         time = _time_of(gains, name)
         for word, end in (("lower", low), ("upper", high)):
             if time == end:

@@ -11,6 +11,7 @@ import pytest
 
 import fopi_tune as ft
 from fopi_tune.core.controller import FoPi, FoPid, Pid
+from fopi_tune.core.terms.controller_spec import GainRange
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.spec.digests import digests_of
 
@@ -133,6 +134,10 @@ def test_a_time_at_the_end_of_its_range_is_said_and_there_is_no_bound() -> None:
     found = ft.tune(spec, proof=False)
     name = "derivative_filter_time_constant_s is at the lower end of its range, 0.3 s: a wider range may"
     assert any(note.startswith(name) for note in found.notes)
+    # the time of a derivative that is not there is at no end
+    none = spec_of(of_derivative("{min: 0.02, max: 1}"), aim="maximize: ki")
+    none = replace(none, controller=replace(none.controller, kd=GainRange(0.0, 0.0)))
+    assert not any("time_constant" in note for note in ft.tune(none, proof=False).notes)
     assert found.gains is not None
     assert "there is no bound where a filter's time" in ft.certify_optimum(spec, found.gains).reason
     with pytest.raises(ft.DomainError, match="derivative_filter_time_constant_s has a range"):
