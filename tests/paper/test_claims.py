@@ -312,6 +312,7 @@ def test_the_models_states_are_counted_by_their_fractions(table: Table) -> None:
     assert "29 with the brake" in row_of(table, "hybrid", "x does not change").recomputed
 
 
+@pytest.mark.long
 def test_a_released_pedal_slows_the_car_by_its_own_plant(table: Table) -> None:
     row = row_of(table, "manoeuvre", "static gain 1, the pedal is released")
     # (y - u)/tau as the brake begins, of the drawn plant with the least tau, some 4e-5 above 1.6; u = -30 times the
