@@ -6,6 +6,7 @@ import copy
 import json
 import math
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,7 @@ def test_lines_around_the_worst_case_are_told_apart(seeds: range, least: int) ->
             continue
         omega = np.geomspace(asked[2], asked[3], 60_001)
         low, high = plants.low, plants.high
-        shares = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * len(low)), -1).reshape(-1, len(low))
+        shares = np.array(list(product(np.linspace(0.0, 1.0, 9), repeat=len(low))))
         points = low + shares * (high - low)
         values = [family.loop(point).log_response(asked[0], omega) for point in points]
         worst = worst_of(values, omega, asked)
