@@ -21,6 +21,8 @@ _KEPT = 20_000
 
 def sums_of(orders: tuple[float, ...], coefficients: Array) -> tuple[Array, Array, Array]:
     """Of each row c_0 and e_0, shape (m,), and the table of G, shape (m, 6, n), in (1) of `plants.py`."""
+    if not len(coefficients):
+        return np.zeros(0), np.zeros(0), np.zeros((0, 6, max(len(orders), 2)))
     every = [_sum_of(orders, tuple(row)) for row in coefficients.tolist()]
     return np.array([e[0] for e in every]), np.array([e[1] for e in every]), np.array([e[2] for e in every])
 

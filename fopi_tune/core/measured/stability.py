@@ -26,6 +26,8 @@ from fopi_tune.core.measured.loops import MeasuredLoop
 
 #: rad; a loop whose phase at |L| = 1 is this close to -180 deg passes through -1
 _MARGINAL_RAD = 1e-9
+#: poles; a count is whole, or half-way where the contour touches the axis
+_HALF = 0.25
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,14 @@ def count_unstable_poles(loop: MeasuredLoop, unstable_poles: int | None) -> Pole
     total += float(np.sum((large[:-1] - large[1:]) * _turns(at.phase_rad)))
     if np.any(np.abs(np.remainder(at.phase_rad, 2.0 * np.pi) - np.pi) < _MARGINAL_RAD):
         return PoleCount(np.inf)
-    return PoleCount(unstable_poles - 2.0 * total)
+    count = unstable_poles - 2.0 * total
+    if count < -_HALF:
+        return PoleCount(
+            None,
+            f"unstable_poles: {unstable_poles} contradicts the measured phase, by which the plant has at least "
+            f"{unstable_poles - round(count)}: correct the number, or the sign of the response",
+        )
+    return PoleCount(count)
 
 
 def _what_the_ends_leave_open(loop: MeasuredLoop) -> str:

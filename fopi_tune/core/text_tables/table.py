@@ -25,6 +25,8 @@ _MOST_LINES_LOOKED_AT = 200
 _MOST_QUOTED = 60
 #: larger numbers are no measurements, and their squares no doubles
 LARGEST = 1e100
+#: of a field that is a number; patterns of what is longer may take for ever
+_MOST_CHARACTERS = 100
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?$", re.ASCII)
 #: h:mm:ss with fractions of a second
 _CLOCK = re.compile(r"(\d{1,3}):(\d\d)(?::(\d\d(?:\.\d*)?))?$", re.ASCII)
@@ -163,6 +165,8 @@ def split(line: str, separator: str, width: int | None = None) -> list[str]:
 
 def number(field: str, separator: str) -> float | None:
     """A finite number (below 1e100) or a time of the day in seconds, or None."""
+    if len(field) > _MOST_CHARACTERS:
+        return None
     text = (field if separator == "," else field.replace(",", ".")).replace("\u2212", "-")
     if _NUMBER.match(text):
         value = float(text.replace("d", "e").replace("D", "e"))

@@ -82,18 +82,23 @@ class MeasuredSample:
             reason = (
                 "the loop passes through -1" if poles is None else f"{poles} closed-loop {word} in the right half-plane"
             )
+            reason = f"{reason}; {self._assumed}"
             return Stability(False, peaks[unstable][0], self.place(unstable, peaks[unstable][1]), poles, reason)
         place = self.place(worst, peaks[worst][1])
         if open_one is not None:
             reason = self.counts[open_one].reason
             return Stability(False, peaks[worst][0], self.place(open_one, None), None, reason, undecided=True)
+        reason = f"{self._assumed}; |S| stays below {peaks[worst][0] + 0.005:.2f} dB in the band"
+        return Stability(True, peaks[worst][0], place, 0, reason)
+
+    @property
+    def _assumed(self) -> str:
         low, high = self.family.band_rad_s
-        reason = (
+        return (
             f"Nyquist's count in the measured band, with {self.family.unstable_poles} unstable poles of the plant; "
             f"assumed: below {low:.5g} rad/s the plant goes on as its lowest frequencies look, and above {high:.5g} "
-            f"rad/s |L| stays below 1; |S| stays below {peaks[worst][0] + 0.005:.2f} dB in the band"
+            "rad/s |L| stays below 1"
         )
-        return Stability(True, peaks[worst][0], place, 0, reason)
 
 
 def verify_measured(spec: DesignSpec, family: MeasuredFamily, gains: FoPi, tolerance: float) -> Verification:

@@ -65,6 +65,14 @@ _DEVIATION = frozenset(("std", "stdev", "stddev", "sigma", "σ", "sd", "deviatio
 _DEGREES = frozenset(("deg", "degree", "degrees", "°"))
 _RADIANS = frozenset(("rad", "radian", "radians"))
 _DB = frozenset(("db", "decibel"))
+#: of columns that are something else
+_OTHERS = frozenset(("coherence", "variance", "input", "reference", "weight"))
+#: units and ways of writing that are not known, by what they are of
+_FOREIGN_FREQUENCY = frozenset(
+    ("rpm", "krad", "mrad", "urad", "min", "minute", "rev", "turns", "cycles", "normalized", "normalised", "log")
+)
+_FOREIGN_MAGNITUDE = frozenset(("attenuation", "loss", "squared", "square", "percent", "log", "power", "psd"))
+_FOREIGN_PHASE = frozenset(("lag", "delay", "turns"))
 _HERTZ = {"hz": 1.0, "hertz": 1.0, "mhz": math.nan, "khz": 1e3, "ghz": math.nan}
 _NEPER_PER_DB = math.log(10.0) / 20.0
 
@@ -105,12 +113,19 @@ def _words(text: str) -> frozenset[str]:
 
 
 def _column(index: int, words: frozenset[str]) -> Column | None:
+    if words & _OTHERS:
+        return None
     is_db = bool(words & _DB)
     if words & _DEVIATION:
         if words & _PHASE:
             return Column(index, Role.PHASE_DEVIATION, _angle(index, words))
         return Column(index, Role.DEVIATION, _NEPER_PER_DB if is_db else 1.0, is_db)
     if words & _PHASE:
+        if words & _FOREIGN_PHASE:
+            raise DomainError(
+                f"column {index + 1} is a lag or a delay; write the phase, negative where the response is late, and "
+                "call it phase_deg or phase_rad"
+            )
         return Column(index, Role.PHASE, _angle(index, words))
     if words & _FREQUENCY or words & set(_HERTZ):
         return Column(index, Role.FREQUENCY, _frequency(index, words))
@@ -119,6 +134,11 @@ def _column(index: int, words: frozenset[str]) -> Column | None:
     if words & _IMAGINARY:
         return Column(index, Role.IMAGINARY)
     if words & _MAGNITUDE or is_db:
+        if words & _FOREIGN_MAGNITUDE:
+            raise DomainError(
+                f"column {index + 1} is a magnitude that is neither an absolute value nor in dB, or an attenuation; "
+                "write one of the two, and call it magnitude or magnitude_db"
+            )
         return Column(index, Role.MAGNITUDE, _NEPER_PER_DB if is_db else 1.0, is_db)
     return None
 
@@ -133,9 +153,10 @@ def _angle(index: int, words: frozenset[str]) -> float:
 
 def _frequency(index: int, words: frozenset[str]) -> float:
     hertz = next((unit for unit in _HERTZ if unit in words), None)
-    if hertz is not None and math.isfinite(_HERTZ[hertz]):
+    is_foreign = bool(words & (_FOREIGN_FREQUENCY | _DEGREES)) or (hertz is not None and bool(words & _RADIANS))
+    if not is_foreign and hertz is not None and math.isfinite(_HERTZ[hertz]):
         return 2.0 * math.pi * _HERTZ[hertz]
-    if hertz is None and (words & _RADIANS or words & _ANGULAR):
+    if not is_foreign and hertz is None and (words & _RADIANS or words & _ANGULAR):
         return 1.0
     raise DomainError(
         f"column {index + 1} is a frequency whose unit is not rad/s, Hz or kHz, or not named; call it omega_rad_s or "

@@ -47,6 +47,10 @@ class Response:
     phase_deviation: Array | None
 
 
+#: rad/s; a frequency below cannot be computed with
+_SMALLEST = 1e-100
+
+
 def read_response(data: bytes, dead_time_s: float) -> Response:
     """The response in a file's bytes.
 
@@ -106,6 +110,7 @@ def _order(omega: Array, lines: list[int]) -> NDArray[np.intp]:
             f"line {lines[wrong[0]]}: its frequency is not greater than 0; remove the line, a response is measured at "
             "frequencies above 0"
         )
+    _refuse_rows(omega < _SMALLEST, lines, "its frequency cannot be computed with; is its unit right?")
     ascending = np.argsort(omega, kind="stable")
     sorted_omega = omega[ascending]
     twice = np.flatnonzero(sorted_omega[1:] <= sorted_omega[:-1] * (1.0 + _SAME))

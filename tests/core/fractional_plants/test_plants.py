@@ -149,6 +149,14 @@ def test_a_common_power_of_s_and_a_zero_at_the_origin_under_an_integral_are_no_s
     assert unstable_closed_loop_poles(Loops.of(FoPi(1.0, 0.0, 1.0), cancelled))[0] == 0.0
 
 
+def test_a_direct_path_around_a_dead_time_has_infinitely_many_poles() -> None:
+    # P(inf) = 0.5/0.16
+    terms = (((0.5, 1.5), (3.0, 0.0)), ((0.16, 1.5), (0.4, 0.0)))
+    plants = plants_of(family_of(terms, dead_time_s=1.0))
+    assert unstable_closed_loop_poles(Loops.of(FoPi(2.0, 0.1, 1.0), plants))[0] == math.inf
+    assert unstable_closed_loop_poles(Loops.of(FoPi(0.01, 0.001, 1.0), plants))[0] == 0.0
+
+
 def test_poles_on_the_axis_are_found() -> None:
     # s^2 + 4 beside s^0.5: a root at 2j
     plants = plants_of(family_of((((1.0, 0.5), (1.0, 0.0)), ((1.0, 2.0), (4.0, 0.0)))))

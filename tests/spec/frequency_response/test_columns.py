@@ -43,7 +43,33 @@ def test_a_deviation_has_the_unit_of_its_magnitude() -> None:
     assert _columns("omega", "magnitude", "phase_deg", "std")[Role.DEVIATION][1] == 1.0
 
 
-@pytest.mark.parametrize("name", ["frequency", "f_ghz", "rpm"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "frequency",
+        "f_ghz",
+        "rpm",
+        "omega_rpm",
+        "omega_krad_s",
+        "omega_mrad_s",
+        "omega_deg_s",
+        "omega_rad_min",
+        "omega_rad_s (Hz)",
+    ],
+)
 def test_a_frequency_without_a_known_unit_is_refused(name: str) -> None:
     with pytest.raises(DomainError, match="omega_rad_s or frequency_hz"):
         _columns(name, "magnitude", "phase_rad")
+
+
+@pytest.mark.parametrize("name", ["attenuation_db", "magnitude_squared", "magnitude_percent", "log10_magnitude"])
+def test_a_magnitude_in_another_unit_is_refused(name: str) -> None:
+    with pytest.raises(DomainError, match="column 2 is a magnitude that is neither an absolute value nor in dB"):
+        _columns("omega", name, "phase_rad")
+
+
+def test_a_lag_is_no_phase_and_what_is_of_other_signals_is_left_out() -> None:
+    with pytest.raises(DomainError, match="column 3 is a lag or a delay; write the phase"):
+        _columns("omega", "magnitude", "phase_lag_deg")
+    found = _columns("omega", "input_magnitude_db", "magnitude", "phase_rad", "magnitude_variance")
+    assert found[Role.MAGNITUDE] == (2, 1.0)

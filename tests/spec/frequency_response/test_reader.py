@@ -90,6 +90,8 @@ def _lines(changed: dict[int, str], header: str = "omega_rad_s,magnitude_db,phas
         (_lines({6: "0.2,-1,-20"}), "line 6: its frequency is below that of line 5; sort the lines by frequency"),
         (_lines({2: "0,0,0"}), "line 2: its frequency is not greater than 0"),
         (_lines({2: "-1,0,0"}), "line 2: its frequency is not greater than 0"),
+        (_lines({2: "1e-320,0,0"}), "line 2: its frequency cannot be computed with"),
+        (_lines({3: "1" * 200_000 + ",0,0"}), r"line 3, column 1 \(frequency\): not a finite number"),
         (_lines({5: "0.5,1,2,3"}), "line 5 has 4 fields; the others have 3"),
         (_lines({10: "10,-20"}), "line 10, the last, is cut short"),
         (_lines({}, "a,b,c"), "has no column of frequencies; call it omega_rad_s or frequency_hz"),
