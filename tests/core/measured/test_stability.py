@@ -78,7 +78,8 @@ def test_a_loop_through_minus_one_is_unstable() -> None:
 def test_a_number_of_poles_that_the_measured_phase_contradicts_is_said() -> None:
     omega = np.geomspace(0.01, 100.0, 200)
     response = 1.0 / (1j * omega - 1.0)
-    known, gains = Curve(omega, np.log(np.abs(response)), np.angle(response)), FoPi(3.0, 0.2, 1.0)
+    phase = np.asarray(np.angle(response), dtype=float)
+    known, gains = Curve(omega, np.log(np.abs(response)), phase), FoPi(3.0, 0.2, 1.0)
     assert count_unstable_poles(MeasuredLoop(gains, known, known.band_rad_s), 1).unstable == 0.0
     assert _reason(gains, known, 0).startswith("unstable_poles: 0 contradicts the measured phase")
     assert "at least 1: correct the number" in _reason(gains, known, 0)
