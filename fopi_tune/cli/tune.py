@@ -130,12 +130,9 @@ def tune_files(
                 raise DomainError("a system is designed by simulation and checked; leave the other options out")
             return tune_system(loaded)
         if certified is not None:
-            from fopi_tune.core.fractional_plants.family import refuse_fractional_family
-            from fopi_tune.spec.lists.members import refuse_list, refuse_measured
+            from fopi_tune.pipeline.optimum import refuse_without_bound
 
-            refuse_list(loaded, "the proof of the optimum")
-            refuse_measured(loaded, "the proof of the optimum")
-            refuse_fractional_family(loaded.plant, "the proof of the optimum", "it bounds polynomials in s")
+            refuse_without_bound(loaded)
         found = design_or_sweep(loaded, options, proof)
         if certified is not None and isinstance(found, Design):
             return with_optimum(found, *certified, output)

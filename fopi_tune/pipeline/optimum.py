@@ -11,6 +11,7 @@ from fopi_tune.pipeline.prove import other_text, with_digest_of
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.lists.members import refuse_list, refuse_measured
 from fopi_tune.spec.load import Source
+from fopi_tune.spec.model import DesignSpec
 
 if TYPE_CHECKING:
     from fopi_tune.montecarlo.outcomes import Progress
@@ -41,11 +42,21 @@ def certify_optimum(
     from fopi_tune.optimum import certify_optimum
 
     spec = load_spec(source)
-    refuse_list(spec, "the proof of the optimum")
-    refuse_fractional_family(spec.plant, "the proof of the optimum", "it bounds polynomials in s")
-    refuse_measured(spec, "the proof of the optimum")
+    refuse_without_bound(spec)
     spec.controller.refuse_derivative_order("the proof of the optimum")
     return certify_optimum(spec, gains, gap=gap, time_limit_s=time_limit_s, progress=progress)
+
+
+def refuse_without_bound(spec: DesignSpec) -> None:
+    """Refuse plants that the proof of the optimum does not know, before gains are searched for it.
+
+    Raises:
+        DomainError: a list, a fractional plant, or measured responses.
+    """
+    what = "the proof of the optimum"
+    refuse_list(spec, what)
+    refuse_fractional_family(spec.plant, what, "it bounds polynomials in s")
+    refuse_measured(spec, what)
 
 
 def recheck_optimum(document: object, source: Source) -> OptimumRecheck:

@@ -52,7 +52,7 @@ def digital_notes(spec: DesignSpec, gains: FoPi) -> tuple[str, ...]:
     """`measured_notes` of a digital controller, and why its loop on samples is not known; arguments as there."""
     if spec.has_loop_on_samples:
         return ()
-    why = _UNKNOWN_BEHIND_HOLD if spec.is_measured else ON_SAMPLES.replace("it", "a fractional plant", 1)
+    why = _UNKNOWN_BEHIND_HOLD if spec.is_measured else ON_SAMPLES
     return _NOT_ON_SAMPLES.format(why), *measured_notes(spec, gains)
 
 

@@ -156,13 +156,18 @@ class Plants:
         )
 
 
-def share_a_root_on_the_axis(zeros: Complex, poles: Complex) -> NDArray[np.bool_]:
-    """Whether a zero is a pole on the imaginary axis, shape (m,); roots of shape (m, a) and (m, b)."""
+def share_a_root_on_the_axis(zeros: Complex, poles: Complex, tolerance: float = AXIS_TOLERANCE) -> NDArray[np.bool_]:
+    """Whether a zero is a pole on the imaginary axis, shape (m,).
+
+    Args:
+        zeros, poles: shapes (m, a) and (m, b); inf where there is none.
+        tolerance: relative, of both being the same.
+    """
     pole, zero = poles[:, :, None], zeros[:, None, :]
     on_axis = np.isfinite(pole) & (np.abs(pole.real) <= AXIS_TOLERANCE * np.abs(pole.imag))
     both = on_axis & np.isfinite(zero)
     pole, zero = np.where(both, pole, 0.0), np.where(both, zero, 0.0)
-    common = both & (np.abs(zero - pole) <= AXIS_TOLERANCE * np.abs(pole))
+    common = both & (np.abs(zero - pole) <= tolerance * np.abs(pole))
     return np.asarray(common.any(axis=(1, 2)))
 
 

@@ -24,7 +24,9 @@ from fopi_tune.errors import DomainError
 #: what stands for the model
 FRACTIONAL = "fractional"
 #: why a loop on samples is not known
-ON_SAMPLES = "behind a hold it remembers all of its past, and no recursion of finite length is equal to it"
+ON_SAMPLES = (
+    "behind a hold a fractional plant remembers all of its past, and no recursion of finite length is equal to it"
+)
 _DEAD_TIME = "dead_time_s"
 
 

@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from fopi_tune.core.batches.plants import Plants
+from fopi_tune.core.batches.plants import Plants, share_a_root_on_the_axis
 from fopi_tune.core.bode_form import Array, BodeForm, Complex, Rows, joined_sums
 from fopi_tune.core.fractional_plants.orders import Orders, not_for_fractional
 from fopi_tune.core.fractional_plants.sides import (
@@ -35,6 +35,14 @@ from fopi_tune.core.fractional_plants.sides import (
 )
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
+
+
+def _no_polynomial(_: object) -> NoReturn:
+    raise DomainError(not_for_fractional("this computation", "it takes polynomials in s"))
+
+
+#: in place of what only polynomials have: to ask for it is a mistake, which is said
+_NO_POLYNOMIAL: Any = property(_no_polynomial)
 
 
 class FractionalPlants(Plants):
@@ -59,41 +67,8 @@ class FractionalPlants(Plants):
         """Select rows, with repetition."""
         return FractionalPlants(self.top[rows], self.bottom[rows], self.dead_time_s[rows], self.orders)
 
-    @property
-    def numerator(self) -> NoReturn:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Refused: the coefficients are not those of polynomials.
-
-        Raises:
-            DomainError: always.
-        """
-        raise _no_polynomial()
-
-    @property
-    def denominator(self) -> NoReturn:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Refused: the coefficients are not those of polynomials.
-
-        Raises:
-            DomainError: always.
-        """
-        raise _no_polynomial()
-
-    @property
-    def zeros(self) -> NoReturn:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Refused: there may be infinitely many on other sheets.
-
-        Raises:
-            DomainError: always.
-        """
-        raise _no_polynomial()
-
-    @property
-    def poles(self) -> NoReturn:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Refused: there may be infinitely many on other sheets.
-
-        Raises:
-            DomainError: always.
-        """
-        raise _no_polynomial()
+    # the coefficients are not those of polynomials, and there may be infinitely many roots on other sheets
+    numerator = denominator = zeros = poles = _NO_POLYNOMIAL
 
     @property
     def polynomials(self) -> tuple[Array, Array]:
@@ -165,10 +140,8 @@ class FractionalPlants(Plants):
     @cached_property
     def hidden_on_axis(self) -> NDArray[np.bool_]:
         """Whether N and D share a root on the imaginary axis, shape (m,)."""
-        zero, pole = axis_roots(self.orders.numerator, self.top)[:, None, :], self.axis_poles[:, :, None]
-        both = np.isfinite(zero) & np.isfinite(pole)
-        zero, pole = np.where(both, zero, 0.0), np.where(both, pole, 0.0)
-        return np.asarray((both & (np.abs(zero - pole) <= 2.0 * ON_AXIS * np.abs(pole))).any(axis=(1, 2)))
+        zeros = axis_roots(self.orders.numerator, self.top)
+        return share_a_root_on_the_axis(zeros, self.axis_poles, 2.0 * ON_AXIS)
 
     @property
     def corner_roots(self) -> Complex:
@@ -228,23 +201,8 @@ class FractionalPlant(Plant):
         for name, value in (("top", top), ("bottom", bottom), ("dead_time_s", dead_time_s), ("orders", orders)):
             object.__setattr__(self, name, value)
 
-    @property
-    def numerator(self) -> NoReturn:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Refused: the coefficients are not those of a polynomial.
-
-        Raises:
-            DomainError: always.
-        """
-        raise _no_polynomial()
-
-    @property
-    def denominator(self) -> NoReturn:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Refused: the coefficients are not those of a polynomial.
-
-        Raises:
-            DomainError: always.
-        """
-        raise _no_polynomial()
+    # the coefficients are not those of polynomials
+    numerator = denominator = _NO_POLYNOMIAL
 
     @property
     def _numbers(self) -> tuple[object, ...]:
@@ -265,7 +223,3 @@ class FractionalPlant(Plant):
         return FractionalPlants(
             np.array([self.top]), np.array([self.bottom]), np.array([self.dead_time_s]), self.orders
         )
-
-
-def _no_polynomial() -> DomainError:
-    return DomainError(not_for_fractional("this computation", "it takes polynomials in s"))

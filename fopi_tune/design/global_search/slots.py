@@ -201,28 +201,43 @@ def _slot(finding: Array, q: int, plant: Array, x: Array, rows: Rows, in_t: floa
         p[INDEX["is_first"]] = float(len(x) > 3 and x[FILTER] > 0.0 and x[MU] == 1.0)
         return Slot(p, 0.0, q, is_equal)
     p[INDEX[_EQUATION[mode]]] = 1.0
+    set_function(p, kind, float(rows.tilt[q]))
+    if kind == GAIN_MARGIN:
+        return _gain_margin(p, finding, q, plant, x, rows, in_t, is_equal)
+    if kind == PHASE_MARGIN:
+        _set_angle(p, x, plant, v, near)
+    elif kind == DELAY_MARGIN:
+        set_lag(p, loop_at(x, plant, v, near)[1])
+    return Slot(p, v, q, is_equal)
+
+
+def set_function(p: Array, kind: int, tilt: float) -> None:
+    """What the row of a slot with parameters p is, where it is no margin.
+
+    Args:
+        p: the parameters; changed.
+        kind: of the row.
+        tilt: power of the limit's frequency.
+    """
     if kind in (S, T, CS, PS):
         # ln|P| = ln|L| - ln|C|
         p[INDEX["log_s"]] = 1.0
         p[INDEX["log_l"]], p[INDEX["log_c"]] = float(kind in (T, PS)), float(kind == CS) - float(kind == PS)
-        p[INDEX["log_omega"]] = -rows.tilt[q]
+        p[INDEX["log_omega"]] = -tilt
     elif kind in (LOOP_GAIN, GAIN_AT_REFERENCE):
-        p[INDEX["log_l"]], p[INDEX["log_omega"]] = 1.0, -rows.tilt[q]
+        p[INDEX["log_l"]], p[INDEX["log_omega"]] = 1.0, -tilt
         if kind == GAIN_AT_REFERENCE:
             p[INDEX["limit"]] = 0.0
-    elif kind == GAIN_MARGIN:
-        return _gain_margin(p, finding, q, plant, x, rows, in_t, is_equal)
-    elif kind == PHASE_MARGIN:
-        _set_angle(p, x, plant, v, near)
-    elif kind == DELAY_MARGIN:
-        phase = loop_at(x, plant, v, near)[1]
-        p[INDEX["lag"]] = 1.0
-        p[INDEX["offset"]] = _PI - 2.0 * _PI * math.floor((phase + _PI) / (2.0 * _PI))
     elif kind == CROSSOVER:
         p[INDEX["log_omega"]] = 1.0
     elif kind == PHASE_SLOPE:
         p[INDEX["slope"]] = 1.0
-    return Slot(p, v, q, is_equal)
+
+
+def set_lag(p: Array, phase_rad: float) -> None:
+    """The lag from L, whose phase is `phase_rad`, to -1 as the row of a slot with parameters p, over omega."""
+    p[INDEX["lag"]] = 1.0
+    p[INDEX["offset"]] = _PI - 2.0 * _PI * math.floor((phase_rad + _PI) / (2.0 * _PI))
 
 
 def _set_angle(p: Array, x: Array, plant: Array, v: float, near: float) -> None:

@@ -16,25 +16,18 @@ from fopi_tune.core.measured.curve import Curve, hermite
 from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.design.constraints import Scale
 from fopi_tune.design.global_search.compiled import (
-    CROSSOVER,
-    CS,
     DELAY,
     DELAY_MARGIN,
     GAIN_AT_REFERENCE,
     GAIN_MARGIN,
     LAG,
     LAG_SQUARE,
-    LOOP_GAIN,
     PHASE_MARGIN,
-    PHASE_SLOPE,
-    PS,
     Rows,
-    S,
-    T,
 )
 from fopi_tune.design.global_search.nonlinear.program import INDEX, KNOTS, MEASURED_PARAMETERS, PARAMETERS
 from fopi_tune.design.global_search.responses import AT_FIXED, AT_GAIN, AT_PEAK, AT_PHASE, AT_REFERENCE
-from fopi_tune.design.global_search.slots import Slot
+from fopi_tune.design.global_search.slots import Slot, set_function, set_lag
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, NEAR, ROW, SLACK, TARGET, V
 
 _PI = math.pi
@@ -155,26 +148,13 @@ def _slot(finding: Array, q: int, loop: MeasuredLoop, rows: Rows, scale: Scale, 
     p[INDEX["with_t"]] = -in_t
     p[INDEX[_EQUATION[mode]]] = 1.0
     phase = float(loop.at(np.array([v + math.log(scale.omega_rad_s)])).phase_rad[0])
-    if kind in (S, T, CS, PS):
-        # ln|P| = ln|L| - ln|C|
-        p[INDEX["log_s"]] = 1.0
-        p[INDEX["log_l"]], p[INDEX["log_c"]] = float(kind in (T, PS)), float(kind == CS) - float(kind == PS)
-        p[INDEX["log_omega"]] = -rows.tilt[q]
-    elif kind in (LOOP_GAIN, GAIN_AT_REFERENCE):
-        p[INDEX["log_l"]], p[INDEX["log_omega"]] = 1.0, -rows.tilt[q]
-        if kind == GAIN_AT_REFERENCE:
-            p[INDEX["limit"]] = 0.0
-    elif kind == GAIN_MARGIN:
+    set_function(p, kind, float(rows.tilt[q]))
+    if kind == GAIN_MARGIN:
         p[INDEX["log_l"]], p[INDEX["offset"]] = -1.0, -float(finding[TARGET])
     elif kind == PHASE_MARGIN:
         _set_angle(p, phase)
     elif kind == DELAY_MARGIN:
-        p[INDEX["lag"]] = 1.0
-        p[INDEX["offset"]] = _PI - 2.0 * _PI * math.floor((phase + _PI) / (2.0 * _PI))
-    elif kind == CROSSOVER:
-        p[INDEX["log_omega"]] = 1.0
-    elif kind == PHASE_SLOPE:
-        p[INDEX["slope"]] = 1.0
+        set_lag(p, phase)
     return Slot(p, v, q, side == 0 and not in_t)
 
 

@@ -250,6 +250,10 @@ class LoopEnclosure:
                 for axis, slope in coefficient.gradient.items():
                     term, before = self.term_share(degree - k, slope, above), gradient[axis - 1]
                     gradient[axis - 1] = before + term if above else before - term
+        return self._with_dead_time(gradient)
+
+    def _with_dead_time(self, gradient: list[acb]) -> list[acb]:
+        """The derivatives of ln N/D by the numbers with those of the dead time."""
         for axis, slope in self.plant.dead_time.gradient.items():
             # in the high tail omega has no end, and neither has this derivative
             turn = acb(0, self.omega * slope) if not self.high_tail else acb(arb.nan(), arb.nan())

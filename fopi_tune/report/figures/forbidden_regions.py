@@ -36,6 +36,15 @@ def forbid(axes: Axes, x: tuple[float, float], y: tuple[float, float], scope: Sc
         axes.add_patch(Rectangle((a, c), b - a, d - c, hatch=_HATCH[scope], **_STYLE))
 
 
+def fit_with_limits(axes: Axes, values: Sequence[Array], requirements: Sequence[Requirement], quantity: str) -> None:
+    """`fit_y_limits` over 90 dB with 3 dB beyond every limit of a function, and its forbidden values."""
+    fit_y_limits(axes, values, 90.0)
+    bounds = [limit for r in requirements if r.quantity == quantity for limit in r.every_limit]
+    low, high = axes.get_ylim()
+    axes.set_ylim(min([low, *(b - 3.0 for b in bounds)]), max([high, *(b + 3.0 for b in bounds)]))
+    forbid_values(axes, requirements, quantity)
+
+
 def forbid_values(axes: Axes, requirements: Sequence[Requirement], quantity: str) -> None:
     """Hatch the forbidden values of a function of frequency over each band; the axes' limits stay."""
     for r in requirements:

@@ -15,6 +15,7 @@ from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import ObjectiveKind
 from fopi_tune.report.figures.forbidden_regions import (
     critical_phases,
+    fit_with_limits,
     fit_y_limits,
     forbid_along,
     forbid_arcs,
@@ -141,11 +142,7 @@ def sensitivities(members: Members) -> Picture:
         every = figure.subplots(len(words), 1, sharex=True)
         for axes, word in zip(every, words, strict=True):
             _plot_family(axes, members, family[word], named[word])
-            fit_y_limits(axes, [family[word], named[word]], 90.0)
-            bounds = [limit for r in requirements if r.quantity == word for limit in r.every_limit]
-            low, high = axes.get_ylim()
-            axes.set_ylim(min([low, *(b - 3.0 for b in bounds)]), max([high, *(b + 3.0 for b in bounds)]))
-            forbid_values(axes, requirements, word)
+            fit_with_limits(axes, [family[word], named[word]], requirements, word)
             label_axes(axes, f"|{_WORDS[word]}|, dB")
         every[-1].set_xlabel("omega, rad/s")
         legend_below(figure, every[0])

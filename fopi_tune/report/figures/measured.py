@@ -17,6 +17,7 @@ from fopi_tune.core.measured.loops import LoopPoints, MeasuredLoop
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.report.documents import ResultDocuments
 from fopi_tune.report.figures.forbidden_regions import (
+    fit_with_limits,
     fit_y_limits,
     forbid_arcs,
     forbid_crossovers,
@@ -168,11 +169,7 @@ def measured_sensitivities(members: MeasuredMembers) -> Picture:
         panels = figure.subplots(len(every), 1, sharex=True)
         for axes, (word, lines) in zip(panels, every.items(), strict=True):
             _draw_lines(axes, omega, lines)
-            fit_y_limits(axes, lines, 90.0)
-            bounds = [limit for r in requirements if r.quantity == word for limit in r.every_limit]
-            low, high = axes.get_ylim()
-            axes.set_ylim(min([low, *(b - 3.0 for b in bounds)]), max([high, *(b + 3.0 for b in bounds)]))
-            forbid_values(axes, requirements, word)
+            fit_with_limits(axes, lines, requirements, word)
             label_axes(axes, f"|{_WORDS[word]}|, dB")
         panels[-1].set_xlabel("omega, rad/s")
         legend_below(figure, panels[0])

@@ -134,11 +134,7 @@ class FractionalLoopEnclosure(LoopEnclosure):
             for order, coefficient in terms:
                 for axis, slope in coefficient.gradient.items():
                     gradient[axis - 1] += sign * (self._power(order) * slope / value)
-        for axis, slope in self.plant.dead_time.gradient.items():
-            # in the high tail omega has no end, and neither has this derivative
-            turn = acb(0, self.omega * slope) if not self.high_tail else acb(arb.nan(), arb.nan())
-            gradient[axis - 1] = gradient[axis - 1] - turn
-        return gradient
+        return self._with_dead_time(gradient)
 
     def term_share(self, power: Any, coefficient: arb, above: bool) -> acb:
         """coefficient s^power over N, or over D."""
