@@ -20,9 +20,9 @@ from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.core.measured.stability import count_unstable_poles
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound, Constraint, Scale, constraints_of
-from fopi_tune.design.global_search.compiled import CODE_OF_OBJECTIVE, END, Family, Table
+from fopi_tune.design.global_search.compiled import CODE_OF_OBJECTIVE, COEFFICIENTS, END, WIDTH, Family, Table
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.tables import COEFFICIENTS, WIDTH, Scaled
+from fopi_tune.design.global_search.tables import Scaled
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.objectives import ObjectiveKind
