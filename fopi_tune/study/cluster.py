@@ -103,8 +103,7 @@ class DaskRunner:
         """
         from distributed.scheduler import KilledWorker
 
-        self._wait()
-        future: Any = next(self._completed)
+        future = self._next_future()
         task = self._tasks.pop(str(future.key))
         with _translate_lost_connection():
             if future.status == "finished":
@@ -120,6 +119,15 @@ class DaskRunner:
         if isinstance(error, KilledWorker):
             return TaskOutcome(task)
         return TaskOutcome(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
+
+    def _next_future(self) -> Any:
+        """Wait for a task whose result is still there: one that went with its worker is run again by the scheduler."""
+        while True:
+            self._wait()
+            future: Any = next(self._completed)
+            if future.status not in ("lost", "pending"):
+                return future
+            self._completed.add(future)
 
     def _wait(self) -> None:
         """Wait until a task is done."""
