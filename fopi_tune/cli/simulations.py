@@ -148,7 +148,7 @@ def _gains_of_system_design(system: SystemSpec, options: OutputOptions) -> dict[
 def gains_of_modes(system: SystemSpec, given: GivenGains, options: OutputOptions) -> dict[str, FoPi]:
     """Gains of earlier designs for modes without gains in the system; modes without such a design are tuned later."""
     if given:
-        raise DomainError("this is a system; its modes' gains belong into its file: brake: {spec: ..., gains: ...}")
+        raise DomainError("this is a system; its modes' gains belong into its file: MODE: {spec: ..., gains: ...}")
     found = _gains_of_system_design(system, options)
     for mode in system.modes:
         if mode.name in system.tuned:

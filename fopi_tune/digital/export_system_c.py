@@ -27,6 +27,14 @@ from fopi_tune.digital.system_vectors import COLUMNS, system_operations, system_
 
 #: largest length of a description
 _DESCRIPTION = 600
+#: words of C and C++, and the other members of a system's state, that no mode's controller can be called
+_TAKEN = (
+    "alignas alignof and and_eq asm auto bitand bitor bool break case catch char class compl const constexpr continue "
+    "decltype default delete do double else enum explicit export extern false float for friend goto if inline int long "
+    "main mode mutable namespace new noexcept not not_eq nullptr operator or or_eq output private protected public "
+    "register restrict return short signed sizeof static stayed struct switch template this throw true try typedef "
+    "typeid typename union unsigned using virtual void volatile while xor xor_eq"
+)
 _MEMORY = {
     Memory.HELD: "held as it was",
     Memory.TRACKING: "tracks the output of the active one, within its own limits",
@@ -44,7 +52,7 @@ class SystemExport:
         system_sha256: of the system's file and its specs.
         tool: name and version of what makes the files.
         modes: of mode 1 and mode 2, with the same sample time.
-        mode_names: throttle and brake; each a name in C.
+        mode_names: of the raising mode and the lowering one, lower-case letters, digits and underscores.
         switching: how they take turns.
         min_dwell_s: as the system says it, s; rounded up in `switching`.
     """
@@ -117,6 +125,7 @@ def _mode(export: SystemExport, index: int, code: ControllerCode) -> dict[str, A
     low, high = code.runtime.limits
     return {
         "name": export.mode_names[index],
+        "member": _member(export.mode_names[index]),
         "gains": export.modes[index].controller.gains,
         "number": 1 + index,
         "limits": "none" if export.modes[index].limits is None else f"{low!r} to {high!r}",
@@ -126,6 +135,11 @@ def _mode(export: SystemExport, index: int, code: ControllerCode) -> dict[str, A
         "macro": code.macro,
         "export_id": code.export_id,
     }
+
+
+def _member(name: str) -> str:
+    """A mode's name as a member of the state's struct, where some words are taken."""
+    return f"{name}_controller" if name in _TAKEN.split() else name
 
 
 def _dwell(export: SystemExport) -> str:

@@ -1,6 +1,6 @@
 """Two controllers that take turns, in NumPy:  the same operations and roundings as the exported C of a system.
 
-Mode 0 (throttle) raises the output and mode 1 (brake) lowers it.  At a sample, with the half-width eps,
+Mode 0 raises the output and mode 1 lowers it.  At a sample, with the half-width eps,
 
     mode 0 -> 1 when measurement >= setpoint + eps,      1 -> 0 when measurement <= setpoint - eps,                  (1)
 

@@ -52,7 +52,7 @@ def modes_of(system: SystemSpec, implementations: Sequence[Implementation], poin
 
     Args:
         system: the system.
-        implementations: the controllers that run, throttle first.
+        implementations: the controllers that run, in the order of the modes.
         points: see `PointSource`.
     """
     family = system.family
@@ -95,7 +95,7 @@ def system_evidence(
 
     Args:
         system: the spec; its section `validation` says how many plants.
-        implementations: the controllers that run, throttle first.
+        implementations: the controllers that run, in the order of the modes.
         progress: called with the number of plants done.
     """
     sampler = PlantSampler(system.family, system.validation or ValidationSpec())

@@ -66,11 +66,11 @@ def discretize_system(source: SystemSource, gains: Mapping[str, FoPi] | None = N
 
     system = load_system(source)
     every_gains = mode_gains(system, gains)
-    throttle, brake = (
+    raising, lowering = (
         discretize(
             every_gains[mode.name], digital_section_of(mode.spec), nominal_crossover(mode.spec, every_gains[mode.name])
         )
         for mode in system.modes
     )
     notes = tuple(dwell_notes(system))
-    return DiscretizedSystem(system, every_gains, (throttle, brake), notes, stamp(system.sha256, None))
+    return DiscretizedSystem(system, every_gains, (raising, lowering), notes, stamp(system.sha256, None))

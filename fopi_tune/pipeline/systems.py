@@ -135,8 +135,8 @@ def refuse_system_simulation(
 
 def _points(system: SystemSpec, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of each mode's plant."""
-    throttle, brake = (point[system.family.columns(mode.name)] for mode in system.modes)
-    return throttle, brake
+    raising, lowering = (point[system.family.columns(mode.name)] for mode in system.modes)
+    return raising, lowering
 
 
 def _system_notes(system: SystemSpec, on_samples: bool) -> tuple[str, ...]:

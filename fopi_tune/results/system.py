@@ -121,7 +121,7 @@ class DiscretizedSystem:
     Args:
         spec: the system.
         gains: of each mode, by name.
-        controllers: the filters with their measured errors, throttle first.
+        controllers: the filters with their measured errors, in the order of the modes.
         notes: what to know besides.
         stamp: provenance.
     """
@@ -174,7 +174,7 @@ class DiscretizedSystem:
         """
         from fopi_tune.digital import Export, SystemExport, export_system_c
 
-        throttle, brake = (
+        raising, lowering = (
             Export.of(mode.spec, controller) for mode, controller in zip(self.spec.modes, self.controllers, strict=True)
         )
         return export_system_c(
@@ -182,8 +182,8 @@ class DiscretizedSystem:
                 name=self.spec.name,
                 description=self.spec.description,
                 system_sha256=self.spec.sha256,
-                tool=throttle.tool,
-                modes=(throttle, brake),
+                tool=raising.tool,
+                modes=(raising, lowering),
                 mode_names=(self.spec.modes[0].name, self.spec.modes[1].name),
                 switching=self.switching,
                 min_dwell_s=self.spec.min_dwell_s,

@@ -27,7 +27,7 @@ def mode_notes(name: str, raises: bool, plant: Plant, limits: tuple[float, float
 
     Args:
         name: of the mode.
-        raises: whether it has to raise the output (the throttle) or to lower it (the brake).
+        raises: whether it has to raise the output (the first mode) or to lower it (the second).
         plant: of the mode.
         limits: of its control.
     """

@@ -266,14 +266,15 @@ class ModeSpec:
 class SystemSpec:
     """Two loops that share their output and take turns, as a car's throttle and brake do.
 
-    Throttle to brake when the output reaches the setpoint + hysteresis, back when it falls to setpoint - hysteresis.
+    From the first mode, which raises the output, to the second one when the output reaches the setpoint + hysteresis,
+    back when it falls to setpoint - hysteresis.
 
     Args:
         name: of the system and its results' folder.
-        modes: throttle and brake, in this order.
+        modes: the one that raises the output, then the one that lowers it, by any names.
         hysteresis: half-width around the setpoint, output unit.
         inactive: what the controller does that is not active: held, tracking or reset.
-        first: name of the mode at the start.
+        first: name of the mode at the start; the first of `modes` where left out.
         most_switches: more of them than this ...
         window_s: ... within this time are chattering; None is `chattering_window_s`.
         scenarios: what is driven.
@@ -293,7 +294,7 @@ class SystemSpec:
     modes: tuple[ModeSpec, ModeSpec]
     hysteresis: float
     inactive: str = "held"
-    first: str = "throttle"
+    first: str = ""
     most_switches: int = 5
     window_s: float | None = None
     scenarios: tuple[ScenarioSpec, ...] = ()
@@ -311,6 +312,8 @@ class SystemSpec:
     def __post_init__(self) -> None:
         if not 0.0 <= self.min_dwell_s < math.inf:
             raise DomainError(f"min_dwell_s {self.min_dwell_s!r} must be a finite number of at least 0, in s")
+        if not self.first:
+            object.__setattr__(self, "first", self.modes[0].name)
 
     @property
     def judged_limits(self) -> tuple[Limit, ...]:

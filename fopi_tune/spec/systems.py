@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
-from fopi_tune.core.families.plant_list import PlantList
-from fopi_tune.core.fractional_plants.family import is_fractional
-from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.plant import JointFamily, Uncertain
-from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.measure_words import measure_as_requirement
 from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, acceleration_problem, velocity_unit
-from fopi_tune.spec.model import DesignSpec, ModeSpec, Objective, Sense, SystemSpec
+from fopi_tune.spec.model import ModeSpec, Objective, Sense, SystemSpec
+from fopi_tune.spec.modes.names import EXAMPLE, FAMILIAR, MODE_PATTERN, written_names
+from fopi_tune.spec.modes.section import SpecLoader, Unread, mode_name, modes_shape, read_mode, reserved_words
 from fopi_tune.spec.scenarios import (
     QUANTUM,
     PlacedLimit,
@@ -35,18 +31,12 @@ from fopi_tune.spec.validation import FileReader, PlacedValidation, resolve_vali
 from fopi_tune.spec.yaml.hints import one_of
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place
 from fopi_tune.spec.yaml.problems import quoted
-from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values, with_defaults_of
-from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, Pair, Shape, Text, Version
+from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
+from fopi_tune.spec.yaml.shapes import Choice, ListOf, Text, Version
 
 #: the key that distinguishes a system from a spec
 SYSTEM = "system"
-MODES = ("throttle", "brake")
-_INACTIVE = ("held", "tracking", "reset")
 _LIMIT = "{acceleration_m_s2: {at_most: 2}}"
-_EXAMPLE = "{throttle: {spec: throttle.yaml}, brake: {spec: brake.yaml}, hysteresis: 0.5}"
-
-#: path as it is written in the system file -> the spec there
-SpecLoader = Callable[[str], DesignSpec]
 
 
 def is_system(place: Place) -> bool:
@@ -54,21 +44,25 @@ def is_system(place: Place) -> bool:
     return place.has(SYSTEM)
 
 
-def system_shape() -> Record:
-    """The shape of a whole file; reads to the sections' values."""
+def system_shape(names: tuple[str, str] | None = None) -> Record:
+    """The shape of a whole file; reads to the sections' values.
+
+    Args:
+        names: of both modes; None: any, for the schema.
+    """
     keys = {
         "schema": Key(Version("version of the language", SCHEMA_VERSION)),
         "name": Key(Text("name of the system and of its results' folder", NAME_PATTERN, NAME_RULE)),
         "description": Key(Text("one sentence for people"), required=False),
-        SYSTEM: Key(_modes_shape()),
+        SYSTEM: Key(modes_shape(names)),
         "scenarios": Key(scenarios_shape()),
         "limits": Key(limits_shape(), required=False),
         "requirements": Key(_requirements_shape(), required=False),
         "objective": Key(_objective_shape(), required=False),
-        "tune": Key(ListOf("modes whose gains are designed", Choice("a mode", MODES), 1, 2), required=False),
-        "validation": Key(validation_shape(MODES), required=False),
+        "tune": Key(ListOf("modes whose gains are designed", mode_name(names, "a mode"), 1, 2), required=False),
+        "validation": Key(validation_shape(names or (MODE_PATTERN,)), required=False),
     }
-    return Record("two loops that share their output and take turns", keys, lambda values, place: values, _EXAMPLE)
+    return Record("two loops that share their output and take turns", keys, lambda values, place: values, EXAMPLE)
 
 
 def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader) -> SystemSpec | None:
@@ -81,7 +75,13 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
         read: reads the file of samples that it names.
     """
     assert isinstance(place.node, MappingNode)
-    values = system_shape().read_partial(place)
+    section = place.child(SYSTEM)
+    names = written_names(section, reserved_words())
+    if names is None and isinstance(section.node, MappingNode):
+        # the other sections' mistakes are told too
+        _without_modes().read_partial(place)
+        return None
+    values = system_shape(names or FAMILIAR).read_partial(place)
     if values is None:
         return None
     requirements: list[PlacedLimit] = values.get("requirements") or []
@@ -90,30 +90,29 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
     refuse_unknown_scenarios(values.get("scenarios") or [], limits, place)
     objective = _checked_objective(values, requirements, place)
     modes_section = values.get(SYSTEM)
-    if modes_section is None or place.collector.problems:
+    if modes_section is None or names is None or place.collector.problems:
         return None
-    modes = [_read_mode(name, modes_section[name], place.child(SYSTEM).child(name), loader) for name in MODES]
-    throttle, brake = modes
-    if throttle is None or brake is None or not _check_same_timing(throttle, brake, values, place):
+    raising, lowering = (read_mode(name, modes_section[name], section.child(name), loader) for name in names)
+    if raising is None or lowering is None or not _check_same_timing(raising, lowering, values, place):
         return None
     placed: PlacedValidation | None = values.get("validation")
-    _refuse_what_is_not_shared(throttle, brake, modes_section, place.child(SYSTEM))
+    _refuse_what_is_not_shared(raising, lowering, modes_section, section)
     if place.collector.problems:
         return None
     shared = tuple(dict.fromkeys(modes_section.get("shared") or ()))
-    family = JointFamily.of({mode.name: mode.spec.plant for mode in (throttle, brake)}, shared)
+    family = JointFamily.of({mode.name: mode.spec.plant for mode in (raising, lowering)}, shared)
     validation = None if placed is None else resolve_validation(placed, family, read)
-    plain = {key: value for key, value in modes_section.items() if key not in (*MODES, "shared")}
+    plain = {key: value for key, value in modes_section.items() if key not in (*names, "shared")}
     system = SystemSpec(
         name=values["name"],
-        modes=(throttle, brake),
+        modes=(raising, lowering),
         **plain,
         shared=shared,
         scenarios=tuple(values["scenarios"]),
         limits=tuple(each.limit for each in values.get("limits") or ()),
         validation=validation,
         description=values.get("description", ""),
-        sha256=_digest(sha256, throttle, brake),
+        sha256=_digest(sha256, raising, lowering),
         schema=values["schema"],
         requirements=tuple(each.limit for each in requirements),
         objective=objective,
@@ -121,14 +120,20 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
     )
     for mode in system.modes:
         if mode.gains is not None and mode.name in system.tuned:
-            where = place.child(SYSTEM).child(mode.name).child("gains")
+            where = section.child(mode.name).child("gains")
             where.refuse(f"the {mode.name} is under tune: its gains are designed; remove one of the two")
-    _refuse_short_window(system, place.child(SYSTEM))
-    _refuse_long_dwell(system, place.child(SYSTEM))
+    _refuse_short_window(system, section)
+    _refuse_long_dwell(system, section)
     _refuse_accelerations(system, limits)
     if objective is not None and objective.quantity == ACCELERATION and velocity_unit(system.measurement_unit) is None:
         place.child("objective").child("minimize").refuse(acceleration_problem(system.measurement_unit))
     return None if place.collector.problems else system
+
+
+def _without_modes() -> Record:
+    """The shape of a file of which the section `system` is not read."""
+    whole = system_shape()
+    return replace(whole, keys={**whole.keys, SYSTEM: Key(Unread("the modes"))})
 
 
 def _requirements_shape() -> ListOf:
@@ -164,7 +169,7 @@ def _checked_objective(values: Values, requirements: list[PlacedLimit], place: P
     if objective is None:
         return None
     if not place.has("tune"):
-        place.child("objective").refuse("whose gains? add tune: [brake], [throttle] or both")
+        place.child("objective").refuse("whose gains? add tune: with the names of one mode or both, such as [brake]")
     objective = with_scenario(objective, values.get("scenarios") or [], place.child("objective"))
     names = {objective.scenario, *(each.limit.scenario for each in requirements)}
     for index, scenario in enumerate(values.get("scenarios") or []):
@@ -173,20 +178,20 @@ def _checked_objective(values: Values, requirements: list[PlacedLimit], place: P
     return objective
 
 
-def _refuse_what_is_not_shared(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> None:
+def _refuse_what_is_not_shared(raising: ModeSpec, lowering: ModeSpec, values: Values, place: Place) -> None:
     """Reports names under `shared` that are not the same uncertain number in both plants."""
     for index, name in enumerate(values.get("shared") or ()):
         where = place.child("shared").item(index)
-        one, other = (mode.spec.plant.parameters.get(name) for mode in (throttle, brake))
+        one, other = (mode.spec.plant.parameters.get(name) for mode in (raising, lowering))
         if one is None or other is None:
-            mode = throttle if one is None else brake
-            known = sorted({*throttle.spec.plant.uncertain_names} & {*brake.spec.plant.uncertain_names})
+            mode = raising if one is None else lowering
+            known = sorted({*raising.spec.plant.uncertain_names} & {*lowering.spec.plant.uncertain_names})
             advice = f"write {one_of(known)}" if known else "both plants have to have an uncertain number of this name"
             where.refuse(f"the {mode.name}'s plant has no number called {quoted(name)}; {advice}")
         elif one != other:
             where.refuse(
-                f"{name} is {_range_of(one)} in the throttle's spec and {_range_of(other)} in the brake's; one number "
-                "has one range and one nominal value"
+                f"{name} is {_range_of(one)} in the {raising.name}'s spec and {_range_of(other)} in the "
+                f"{lowering.name}'s; one number has one range and one nominal value"
             )
         elif one.is_exact:
             where.refuse(f"{name} is exactly {one.min:g} in both specs, which shares nothing; leave it out")
@@ -224,107 +229,22 @@ def _refuse_accelerations(system: SystemSpec, limits: list[PlacedLimit]) -> None
         return
     for each in limits:
         if each.limit.measure == ACCELERATION:
-            said = f"measurement_unit is {one} in the throttle's spec and {two} in the brake's"
+            first, second = (mode.name for mode in system.modes)
+            said = f"measurement_unit is {one} in the {first}'s spec and {two} in the {second}'s"
             each.place.child(ACCELERATION).refuse(f"{said}; they share one output: make them equal")
 
 
-def _modes_shape() -> Shape:
-    keys = {name: Key(_mode_shape(name)) for name in MODES}
-    keys |= {
-        "hysteresis": Key(Number("half-width of the hysteresis around the setpoint, output unit", at_least=0)),
-        "inactive": Key(Choice("what the inactive controller's memory does", _INACTIVE), required=False),
-        "first": Key(Choice("mode at the start", MODES), required=False),
-        "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
-        "window_s": Key(
-            Number("of chattering, s; 2 most_switches samples when left out", above=0, at_most=1e9), required=False
-        ),
-        "min_dwell_s": Key(
-            Number("a mode stays at least so long after a switch, s; rounded up to samples", at_least=0, at_most=1e9),
-            required=False,
-        ),
-        "shared": Key(
-            ListOf("numbers of both plants that are one number", Text("a number's name in both specs"), 0, 64),
-            required=False,
-        ),
-    }
-    keys = with_defaults_of(SystemSpec, keys)
-    return Record("which loops take turns, and when", keys, lambda values, place: values, _EXAMPLE)
-
-
-def _mode_shape(name: str) -> Record:
-    order = Number("order of the integral", above=ALPHA_MIN, below=ALPHA_MAX)
-    gains = {"kp": Key(Number("proportional gain")), "ki": Key(Number("integral gain")), "alpha": Key(order)}
-    keys = {
-        "spec": Key(Text(f"path of the {name}'s spec, from this file's folder")),
-        "gains": Key(
-            Record("its gains; tuned when left out", gains, _build_gains, "{kp: 0.1, ki: 0.1, alpha: 0.8}"), False
-        ),
-    }
-    keys["output_limits"] = Key(Pair("limits of its control, in place of its spec's", Number("limit")), required=False)
-    rate = Number("fastest change of its control by the controller, per s, in place of its spec's", above=0)
-    keys["output_rate_per_s"] = Key(rate, required=False)
-    return Record(f"the {name}", keys, lambda values, place: values, f"{{spec: {name}.yaml}}")
-
-
-def _build_gains(values: Values, place: Place) -> FoPi | None:
-    try:
-        return FoPi(float(values["kp"]), float(values["ki"]), float(values["alpha"]))
-    except DomainError as error:
-        place.refuse(str(error))
-        return None
-
-
-def _read_mode(name: str, modes_section: dict[str, Any], place: Place, loader: SpecLoader) -> ModeSpec | None:
-    where = place.child("spec")
-    try:
-        spec = loader(modes_section["spec"])
-    except SpecError as error:
-        where.refuse(f"the spec cannot be used: {error.problems[0]}")
-        return None
-    if is_fractional(spec.plant):
-        where.refuse("a mode's plant is of first order in this version, not a fractional one")
-        return None
-    if spec.digital is None:
-        where.refuse("the spec has no section digital, which says how its controller runs; add one to it")
-        return None
-    if spec.controller.has_derivative:
-        where.refuse(
-            "a mode's controller is of structure fopi or pi in this version: two that take turns know no "
-            f"{spec.controller.structure}"
-        )
-        return None
-    if spec.controller.measurement_filter is not None:
-        where.refuse("a mode's controller has no measurement_filter in this version; remove it from its spec")
-        return None
-    if spec.controller.setpoint_weight != 1.0:
-        where.refuse("a mode's controller has setpoint_weight: 1 in this version; remove the weight from its spec")
-        return None
-    if isinstance(spec.plant, PlantList):
-        where.refuse("a mode's spec has one plant in this version; write plant: in place of plants:")
-        return None
-    if isinstance(spec.plant, MeasuredFamily):
-        where.refuse("a mode's plant is simulated, which a measured response cannot be; write its transfer function")
-        return None
-    numerator, denominator, dead_time = spec.plant.assemble({})
-    if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:
-        message = "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"
-        where.refuse(message)
-        return None
-    own = {key: modes_section[key] for key in ("output_limits", "output_rate_per_s") if key in modes_section}
-    if own:
-        spec = replace(spec, digital=replace(spec.digital, **own))
-    return ModeSpec(name, spec, modes_section.get("gains"))
-
-
-def _check_same_timing(throttle: ModeSpec, brake: ModeSpec, values: Values, place: Place) -> bool:
+def _check_same_timing(raising: ModeSpec, lowering: ModeSpec, values: Values, place: Place) -> bool:
     """Whether both loops have the same timing, so that they can run on one computer; reports if not."""
-    one, other = throttle.spec.digital, brake.spec.digital
+    one, other = raising.spec.digital, lowering.spec.digital
     assert one is not None
     assert other is not None
-    where = place.child(SYSTEM).child("brake").child("spec")
+    where = place.child(SYSTEM).child(lowering.name).child("spec")
     for key in ("sample_time_s", "delay_samples"):
         if getattr(one, key) != getattr(other, key):
-            where.refuse(f"its {key} is {getattr(other, key)}, the throttle's {getattr(one, key)}; make them equal")
+            where.refuse(
+                f"its {key} is {getattr(other, key)}, the {raising.name}'s {getattr(one, key)}; make them equal"
+            )
             return False
     refuse_too_many_samples(values["scenarios"], one.sample_time_s, place)
     return not place.collector.problems

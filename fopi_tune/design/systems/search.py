@@ -187,15 +187,15 @@ class _Search:
 def reasons_by_formula(system: SystemSpec) -> Iterator[str]:
     """Requirements on the rate that no gains meet, because a mode begins where the plant alone is too fast.
 
-    The brake's mode begins at the first sample where the output is at least setpoint + hysteresis.  Its control is not
+    The second mode begins at the first sample where the output is at least setpoint + hysteresis.  Its control is not
     positive, so that the output of a lag falls by at least y/tau; from the initial output that is there at once.
     """
-    brake = system.modes[1]
-    digital = brake.spec.digital
+    lowering = system.modes[1]
+    digital = lowering.spec.digital
     limits = (-np.inf, np.inf) if digital is None or digital.output_limits is None else digital.output_limits
     if limits[1] > 0.0:
         return
-    held = discretize_plants(Plants.members(brake.spec.plant, brake.spec.plant.corners()), system.sample_time_s)
+    held = discretize_plants(Plants.members(lowering.spec.plant, lowering.spec.plant.corners()), system.sample_time_s)
     if not np.all(held.rate_input > 0.0):
         return
     for limit in system.requirements:
@@ -215,7 +215,7 @@ def reasons_by_formula(system: SystemSpec) -> Iterator[str]:
             least = float(np.abs(held.rate_state[:, 0] * entry).max()) / factor
             if least > limit.limit:
                 yield (
-                    f"{limit.measure} at most {limit.limit:g} in scenario {scenario.name}: the {brake.name}'s mode "
+                    f"{limit.measure} at most {limit.limit:g} in scenario {scenario.name}: the {lowering.name}'s mode "
                     f"begins at once at {entry:g}, where its plant alone slows by {least:.3g}; let the setpoint fall "
                     "in a ramp"
                 )

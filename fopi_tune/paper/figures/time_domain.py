@@ -154,7 +154,7 @@ def _experiment(name: str, title: str) -> Picture:
 def _velocity(axes: Axes, driven: ScenarioResult) -> None:
     """Plot output and setpoint, with the time of the brake shaded."""
     time_s = driven.traces.time_s
-    shade_second_mode((axes,), time_s, driven.traces.mode[0])
+    shade_second_mode((axes,), time_s, driven.traces.mode[0], "brake")
     axes.step(time_s, driven.reference, "--", where="post", color="black", linewidth=0.8, label="setpoint")
     axes.plot(time_s, driven.traces.output[0], color=BLUE, label="velocity")
     label_axes(axes, "velocity, km/h")

@@ -63,7 +63,7 @@ class BoundedProof:
     Args:
         setpoints: least and largest r, output unit; it may move between them.
         outputs: least and largest y, output unit; one that starts between them stays there.
-        memories: of both controllers, throttle first; None where there is no proof.
+        memories: of both controllers, the raising mode's first; None where there is no proof.
     """
 
     setpoints: tuple[float, float]

@@ -63,8 +63,8 @@ def prove_bounded(model: SwitchedModel, setpoints: tuple[float, float] | None) -
         ends = (*outputs, *(setpoints or ()))
         found = BoundedProof((min(ends), max(ends)), outputs, (None, None))
         error = float(largest_error(found).upper())
-    throttle, brake = (_memory(model.memory, loop, error) for loop in model.loops)
-    tries = [(throttle, brake), (throttle, None), (None, brake), (None, None)]
+    raising, lowering = (_memory(model.memory, loop, error) for loop in model.loops)
+    tries = [(raising, lowering), (raising, None), (None, lowering), (None, None)]
     proofs = (replace(found, memories=each) for each in dict.fromkeys(tries))
     proof = next((each for each in proofs if verify_bounded(model, each)), None)
     if proof is None:

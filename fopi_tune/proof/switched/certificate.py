@@ -1,9 +1,9 @@
 """What is proved of a system of two loops that take turns, as frozen data with its words.
 
 `settles` needs a settling proof for all setpoints that were asked for.  After `reset` it is about every state, so that
-the throttle's loop must decay with its limits too: its first phase begins anywhere and may last for ever.  If it does
-not, the brake follows, and then the throttle once more, from an entry that the settling proof covers.  A brake that is
-active far below the setpoint adds a switch before that.  `cycles` needs an orbit.
+the raising mode's loop must decay with its limits too: its first phase begins anywhere and may last for ever.  If it
+does not, the lowering mode follows, and then the raising one once more, from an entry that the settling proof covers.
+A lowering mode that is active far below the setpoint adds a switch before that.  `cycles` needs an orbit.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class SystemCertificate:
         model: the loops that it is about.
         setpoints: least and largest setpoint that were asked for, output unit; None: as many as can be proved.
         loops: that each loop decays with its limits from every state, in the order of the modes; None where not.
-        settling: of throttle phases; None where there is no proof.
+        settling: of raising phases; None where there is no proof.
         reason: why settling is not proved, or not for all setpoints that were asked for; empty where it is.
         cycles: orbits, each proved.
         bounded: that output and memories stay within numbers, whatever switches; None where not even the output does.
@@ -116,20 +116,22 @@ class SystemCertificate:
         return (*found, *([f"Not proved: {self.reason}."] if self.reason else ()))
 
     def _settling(self, proof: SettlingProof) -> str:
-        (low, high), (throttle, brake) = proof.setpoints, (loop.name for loop in self.model.loops)
+        (low, high), (raising, lowering) = proof.setpoints, (loop.name for loop in self.model.loops)
         then = (
             f"ends in finite time, then there is no other switch, and the output stays between "
             f"{_upwards(proof.undershoot)} below and {_upwards(proof.overshoot)} above the setpoint."
         )
         settles = f"the output settles on each setpoint from {told(low)} to {told(high)}"
         if self.model.memory is Memory.TRACKING:
-            return f"After a step down from rest, from the {throttle} to the {brake}, {settles}: the {brake} {then}"
-        above = f"with the {brake} active and the output above the hysteresis' lower line"
+            return (
+                f"After a step down from rest, from the {raising} to the {lowering}, {settles}: the {lowering} {then}"
+            )
+        above = f"with the {lowering} active and the output above the hysteresis' lower line"
         if self.loops[0] is None:
-            return f"From every state {above} {settles}: the {brake} {then}"
+            return f"From every state {above} {settles}: the {lowering} {then}"
         return (
-            f"From every state {settles}, after at most two switches with the {throttle} active at first and three "
-            f"with the {brake}. A phase {above} {then}"
+            f"From every state {settles}, after at most two switches with the {raising} active at first and three "
+            f"with the {lowering}. A phase {above} {then}"
         )
 
     def _bounded(self, proof: BoundedProof) -> str:

@@ -1,7 +1,7 @@
 """The search for periodic orbits:  simulation over a grid of setpoints and plants, until the modes repeat.
 
-The loop rests at a high output and is asked for a lower one: the step down that makes the brake act.  What is found is
-a word, which `cycles` tests.
+The loop rests at a high output and is asked for a lower one: the step down that makes the lowering mode act.  What
+is found is a word, which `cycles` tests.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ def prove_cycles(model: SwitchedModel, setpoints: tuple[float, float] | None) ->
         tried: Sequence[float] = [float(f"{part * top:.2g}") for part in _SETPOINTS]
     else:
         tried = np.linspace(*setpoints, len(_SETPOINTS)).tolist()
-    throttle, brake = _plants(model)
+    raising, lowering = _plants(model)
     found: list[CycleProof] = []
     for setpoint in dict.fromkeys(tried):
         start = max(_REST * top, setpoint + 4.0 * model.hysteresis)
-        words = _words(model, setpoint, start, throttle, brake)
+        words = _words(model, setpoint, start, raising, lowering)
         proofs = (
-            _proved(model, setpoint, throttle[i], brake[i], word) for i, word in enumerate(words) if word is not None
+            _proved(model, setpoint, raising[i], lowering[i], word) for i, word in enumerate(words) if word is not None
         )
         found += [proof for proof in proofs if proof is not None]
     return tuple(found)
@@ -76,19 +76,19 @@ def _largest_output(model: SwitchedModel) -> float:
 
 def _plants(model: SwitchedModel) -> tuple[Array, Array]:
     """Pairs of plants, corners first; shapes (m, p) and (m, q)."""
-    throttle, brake = (np.roll(loop.plant.corners(4), -1, axis=0) for loop in model.loops)
-    throttle, brake = (rows if rows.shape[1] else rows[:1] for rows in (throttle, brake))
+    raising, lowering = (np.roll(loop.plant.corners(4), -1, axis=0) for loop in model.loops)
+    raising, lowering = (rows if rows.shape[1] else rows[:1] for rows in (raising, lowering))
     one, other = (
         rows[:, [loop.plant.uncertain_names.index(name) for name in model.shared]]
-        for rows, loop in zip((throttle, brake), model.loops, strict=True)
+        for rows, loop in zip((raising, lowering), model.loops, strict=True)
     )
-    pairs = [(i, j) for i in range(len(throttle)) for j in range(len(brake)) if np.array_equal(one[i], other[j])]
+    pairs = [(i, j) for i in range(len(raising)) for j in range(len(lowering)) if np.array_equal(one[i], other[j])]
     pairs = pairs[:_MOST_PLANTS]
-    return throttle[[i for i, _ in pairs]], brake[[j for _, j in pairs]]
+    return raising[[i for i, _ in pairs]], lowering[[j for _, j in pairs]]
 
 
 def _words(
-    model: SwitchedModel, setpoint: float, start: float, throttle: Array, brake: Array
+    model: SwitchedModel, setpoint: float, start: float, raising: Array, lowering: Array
 ) -> list[tuple[str, str] | None]:
     """The repeating word of each pair of plants; None where the mode stays, or nothing repeats."""
     scenario = Scenario(
@@ -100,10 +100,10 @@ def _words(
     )
     modes = [
         Mode(loop.controller, Plants.members(loop.plant, points))
-        for loop, points in zip(model.loops, (throttle, brake), strict=True)
+        for loop, points in zip(model.loops, (raising, lowering), strict=True)
     ]
     traces = simulate(modes, scenario)
-    return [_word(model, traces.mode[i, -_TAIL:], traces.demanded[i, -_TAIL:]) for i in range(len(throttle))]
+    return [_word(model, traces.mode[i, -_TAIL:], traces.demanded[i, -_TAIL:]) for i in range(len(raising))]
 
 
 def _word(model: SwitchedModel, mode: NDArray[np.int64], demanded: Array) -> tuple[str, str] | None:
@@ -119,12 +119,12 @@ def _word(model: SwitchedModel, mode: NDArray[np.int64], demanded: Array) -> tup
 
 
 def _proved(
-    model: SwitchedModel, setpoint: float, throttle: Array, brake: Array, word: tuple[str, str]
+    model: SwitchedModel, setpoint: float, raising: Array, lowering: Array, word: tuple[str, str]
 ) -> CycleProof | None:
     """The proof of a word with its pull, where there is one."""
     from scipy.linalg import solve_discrete_lyapunov
 
-    plants = model.loops[0].plant.describe(throttle), model.loops[1].plant.describe(brake)
+    plants = model.loops[0].plant.describe(raising), model.loops[1].plant.describe(lowering)
     plain = CycleProof(setpoint, plants, *word, None, 0.0, 0.0)
     orbit = verify_cycle(model, plain)
     if orbit is None:

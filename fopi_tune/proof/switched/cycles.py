@@ -39,7 +39,7 @@ class CycleProof:
 
     Args:
         setpoint: r, in the output's unit.
-        plants: the uncertain numbers of the throttle's plant and of the brake's, by name, in the specs' units.
+        plants: the uncertain numbers of both plants, the raising mode's first, by name, in the specs' units.
         modes: a letter for each sample of the period: `T` for the first mode, `B` for the second.
         parts: where the demanded control lies: `-` below its limits, `0` within, `+` above.
         attraction: lower triangle of S; None where (2) is not claimed.
@@ -128,8 +128,8 @@ def _are_plants(model: SwitchedModel, proof: CycleProof) -> bool:
         ranges = loop.plant.parameters
         if not all(ranges[name].min <= value <= ranges[name].max for name, value in numbers.items()):
             return False
-    throttle, brake = proof.plants
-    return all(throttle[name] == brake[name] for name in model.shared)
+    raising, lowering = proof.plants
+    return all(raising[name] == lowering[name] for name in model.shared)
 
 
 def _maps(model: SwitchedModel, proof: CycleProof, setpoint: arb) -> list[SampleMap]:
@@ -154,7 +154,7 @@ def _outputs(
     for k, each in enumerate(maps):
         y, v = z[0, 0], (each.demand * z)[0, 0]
         kept = stayed[k] < model.min_dwell_samples
-        # the line is the upper one as long as the throttle was active, else the lower one
+        # the line is the upper one as long as the raising mode was active, else the lower one
         above = y > setpoint + eps if proof.modes[k - 1] == "T" else y > setpoint - eps
         below = y < setpoint + eps if proof.modes[k - 1] == "T" else y < setpoint - eps
         controller = model.loops["TB".index(proof.modes[k])].controller

@@ -269,8 +269,8 @@ def _read_bounded(entry: JsonObject) -> BoundedProof:
     memories = entry.children("memories")
     if len(memories) != 2:
         raise CertificateError(f"{entry.at('memories')} must be two")
-    throttle, brake = (_read_memory(each) if each.value else None for each in memories)
-    return BoundedProof(_pair(entry, "setpoints"), _pair(entry, "outputs"), (throttle, brake))
+    raising, lowering = (_read_memory(each) if each.value else None for each in memories)
+    return BoundedProof(_pair(entry, "setpoints"), _pair(entry, "outputs"), (raising, lowering))
 
 
 def _read_memory(entry: JsonObject) -> MemoryBounds:

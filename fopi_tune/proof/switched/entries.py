@@ -1,26 +1,26 @@
-"""How the throttle phase can begin:  model, setpoint -> corners of all states at the switch from brake to throttle.
+"""How the raising phase can begin:  model, setpoint -> corners of all states at the switch to the raising mode.
 
-While the brake is active, y <- y + m (K u - y) with u within its limits.  Let top and bottom be the largest and the
-least K u.  With r - eps > top the distance y - top shrinks by 1 - m at least, so that the phase ends; its last sample
-has y_last > r - eps, and the first one of the throttle phase
+While the lowering mode is active, y <- y + m (K u - y) with u within its limits. Let top and bottom be the largest and
+the least K u. With r - eps > top the distance y - top shrinks by 1 - m at least, so that the phase ends; its last
+sample has y_last > r - eps, and the first one of the raising phase
 
     r - eps >= y_0 >= (1 - m) y_last + m bottom,       m the largest one .                                           (1)
 
-A minimum dwell of D samples may keep the brake active below the line.  The phase begins with an output above it, and a
-phase that is longer than D samples ends as without a dwell, so that in any case
+A minimum dwell of D samples may keep the lowering mode active below the line. The phase begins with an output above it,
+and a phase that is longer than D samples ends as without a dwell, so that in any case
 
     y_last >= bottom + (1 - m)^{D-1} (r - eps - bottom),     y_0 >= bottom + (1 - m) (y_last - bottom) .            (2)
 
 As long as y_last > top the output falls to y_0 < y_last.
 
-After `reset` the throttle's controller starts with the state of an output of 0.  With `tracking` of a brake whose
-control lies below the throttle's limits, the integrator holds x_0 = low - direct (r - y_last), and sections that were 0
-before, as at rest, are 0.
+After `reset` the raising mode's controller starts with the state of an output of 0. With `tracking` of a lowering mode
+whose control lies below the raising mode's limits, the integrator holds x_0 = low - direct (r - y_last), and sections
+that were 0 before, as at rest, are 0.
 
-With a computing delay the last control before may still be the throttle's, over a share m_1 of the throttle's plant, if
-the brake was active for one sample: both cases are enclosed.  After the switch the brake's last control acts for a
-while: y_0 moves to (1 - m_1) y_0 + m_1 w, w between bottom and top.  The throttle's plant would do the same with a last
-control of
+With a computing delay the last control before may still be the raising mode's, over a share m_1 of the raising mode's
+plant, if the lowering mode was active for one sample: both cases are enclosed. After the switch the lowering mode's
+last control acts for a while: y_0 moves to (1 - m_1) y_0 + m_1 w, w between bottom and top. The raising mode's plant
+would do the same with a last control of
 
     ((1 - m_1) y_0 + m_1 w - (1 - n_1) y_0)/(n_1 K),       n_1 its own m_1,                                          (3)
 
@@ -45,30 +45,30 @@ def why_no_entries(model: SwitchedModel) -> str:
     Args:
         model: with `obstacle == ""`.
     """
-    throttle, brake = model.loops
+    raising, lowering = model.loops
     if not model.hysteresis > 0.0:
         return "without hysteresis a switch may follow every sample; write a hysteresis greater than 0"
     if model.memory is Memory.HELD:
-        return "a held memory begins the throttle phase with what it had: nothing bounds its overshoot"
-    if throttle.plant.uncertain_names:
-        return f"{throttle.name}: its plant is uncertain; settling is proved for an exact one"
-    if model.min_dwell_samples > 1 and throttle.delay_samples > 0.0:
+        return f"a held memory begins the {raising.name} phase with what it had: nothing bounds its overshoot"
+    if raising.plant.uncertain_names:
+        return f"{raising.name}: its plant is uncertain; settling is proved for an exact one"
+    if model.min_dwell_samples > 1 and raising.delay_samples > 0.0:
         return "settling with both a minimum dwell and a computing delay is not modelled in this proof"
-    if not brake.is_limited:
-        return f"{brake.name}: without output_limits its control may take the output anywhere within a sample"
+    if not lowering.is_limited:
+        return f"{lowering.name}: without output_limits its control may take the output anywhere within a sample"
     return ""
 
 
-def throttle_lag(model: SwitchedModel) -> Lag:
+def raising_lag(model: SwitchedModel) -> Lag:
     """The raising mode's exact plant, at the current precision."""
     return lag_at(model.loops[0], model.sample_time_s, {})
 
 
-def brake_top(model: SwitchedModel) -> arb:
-    """The largest K u of the brake: the phase ends for setpoints above it by more than the hysteresis."""
-    brake = model.loops[1]
-    high = arb(brake.controller.limits[1])
-    least, largest = (gain * high for gain in lag_range(brake, model.sample_time_s).gains)
+def lowering_top(model: SwitchedModel) -> arb:
+    """The largest K u of the lowering mode: the phase ends for setpoints above it by more than the hysteresis."""
+    lowering = model.loops[1]
+    high = arb(lowering.controller.limits[1])
+    least, largest = (gain * high for gain in lag_range(lowering, model.sample_time_s).gains)
     return least.max(largest)
 
 
@@ -77,13 +77,13 @@ def dwell_margin(model: SwitchedModel) -> arb:
     if model.memory is not Memory.TRACKING or model.min_dwell_samples <= 1:
         return arb(0)
     share, bottom = _fastest_fall(model)
-    return (brake_top(model) - bottom) * (1 / (1 - share) ** (model.min_dwell_samples - 1) - 1)
+    return (lowering_top(model) - bottom) * (1 / (1 - share) ** (model.min_dwell_samples - 1) - 1)
 
 
 def _fastest_fall(model: SwitchedModel) -> tuple[arb, arb]:
-    """The largest m and the least K u of the brake."""
-    brake, lags = model.loops[1], lag_range(model.loops[1], model.sample_time_s)
-    low = arb(brake.controller.limits[0])
+    """The largest m and the least K u of the lowering mode."""
+    lowering, lags = model.loops[1], lag_range(model.loops[1], model.sample_time_s)
+    low = arb(lowering.controller.limits[0])
     return lags.shares[1], (lags.gains[0] * low).min(lags.gains[1] * low)
 
 
@@ -93,7 +93,7 @@ def starts_above_low(model: SwitchedModel) -> bool:
 
 
 def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
-    """Corners of the states with which the throttle phase begins, at the current precision.
+    """Corners of the states with which the raising phase begins, at the current precision.
 
     Args:
         model: with `why_no_entries(model) == ""`.
@@ -109,9 +109,9 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
     last = line if dwell == 1 else bottom + (1 - share) ** (dwell - 1) * (line - bottom)
     # y_0 = kept y_last + moved at the least
     ways = [(1 - share, share * bottom)]
-    lag = throttle_lag(model)
+    lag = raising_lag(model)
     if lag.late is not None:
-        ways += _one_sample_brake(model, lag.late, bottom)
+        ways += _one_lowering_sample(model, lag.late, bottom)
     lowest = _least([kept * last + moved for kept, moved in ways])
     if model.memory is Memory.RESET:
         start = min(max(0.0, controller.limits[0]), controller.limits[1])
@@ -132,24 +132,24 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
     return columns if lag.late is None else _with_last_control(model, lag.late, columns, setpoint, bottom)
 
 
-def _one_sample_brake(model: SwitchedModel, late: arb, bottom: arb) -> list[tuple[arb, arb]]:
-    """y_0 = kept y_last + moved at the least, where the throttle's last control acts first; for each share after it."""
-    throttle, brake = throttle_lag(model), lag_range(model.loops[1], model.sample_time_s)
-    first = throttle.gain * arb(model.loops[0].controller.limits[0])
+def _one_lowering_sample(model: SwitchedModel, late: arb, bottom: arb) -> list[tuple[arb, arb]]:
+    """y_0 = kept y_last + moved at the least, where the raising control of before acts first; per share after it."""
+    raising, lowering = raising_lag(model), lag_range(model.loops[1], model.sample_time_s)
+    first = raising.gain * arb(model.loops[0].controller.limits[0])
     return [
         ((1 - each.share) * (1 - late), (1 - each.share) * late * first + each.share * bottom)
-        for each in brake.vertices
+        for each in lowering.vertices
     ]
 
 
 def _with_last_control(model: SwitchedModel, own: arb, columns: arb_mat, setpoint: arb, bottom: arb) -> arb_mat:
     """Each corner with the four corners of (3) below it."""
-    lag, brake = throttle_lag(model), lag_range(model.loops[1], model.sample_time_s)
+    lag, lowering = raising_lag(model), lag_range(model.loops[1], model.sample_time_s)
     found = []
     for column in columns.transpose().tolist():
         y = column[0] + setpoint
-        for late in brake.late:
-            for held in (bottom, brake_top(model)):
+        for late in lowering.late:
+            for held in (bottom, lowering_top(model)):
                 last = ((1 - late) * y + late * held - (1 - own) * y) / (own * lag.gain)
                 found.append([*column, last - setpoint / lag.gain])
     return arb_mat(found).transpose()

@@ -1,6 +1,6 @@
 """Two sampled loops that take turns, as exact matrices:  SystemSpec, gains -> SwitchedModel -> matrices of balls.
 
-The state is z = (y, x_throttle, x_brake).  The active controller, with e = r - y,
+The state is z = (y, x_1, x_2).  The active controller, with e = r - y,
 
     v = direct e + sum_k x_k,    u = v within the limits,    x_k <- p_k (x_k + w_k g (u - v)) + r_k e,              (1)
 
@@ -94,7 +94,7 @@ class SwitchedModel:
         sample_time_s: Ts.
         hysteresis: half-width around the setpoint, output unit.
         memory: of the inactive controller.
-        loops: throttle and brake.
+        loops: the raising one, then the lowering one.
         min_dwell_samples: samples that a mode stays at least after it was entered; 0 and 1 are any.
         shared: names of numbers that both plants have the same value of; bounds hold without that too.
     """
@@ -119,9 +119,9 @@ class SwitchedModel:
         """
         if missing := [mode.name for mode in system.modes if mode.name not in gains]:
             raise DomainError(f"there are no gains of {' and '.join(missing)}; give those of both modes")
-        throttle, brake = (_loop_of(system, index, gains[mode.name]) for index, mode in enumerate(system.modes))
+        raising, lowering = (_loop_of(system, index, gains[mode.name]) for index, mode in enumerate(system.modes))
         memory, dwell = Memory(system.inactive), system.min_dwell_samples
-        return cls(system.sample_time_s, system.hysteresis, memory, (throttle, brake), dwell, system.shared)
+        return cls(system.sample_time_s, system.hysteresis, memory, (raising, lowering), dwell, system.shared)
 
     @property
     def sizes(self) -> tuple[int, int]:

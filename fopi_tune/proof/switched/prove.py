@@ -37,18 +37,18 @@ def prove_system(
     """
     asked = _checked(setpoints)
     model = SwitchedModel.of(system, gains)
-    throttle, brake = (_loop(model, index) for index in (0, 1))
+    raising, lowering = (_loop(model, index) for index in (0, 1))
     obstacle, bounded = model.obstacle, prove_bounded(model, asked)
     search = SettlingSearch(None, obstacle) if obstacle else prove_settling(model, asked)
     reason = search.reason
-    if not reason and model.memory is Memory.RESET and throttle is None:
+    if not reason and model.memory is Memory.RESET and raising is None:
         reason = f"with its limits the {model.loops[0].name} alone is not shown to settle from every state"
     found = SystemCertificate(
         name=system.name,
         system_sha256=system.sha256,
         model=model,
         setpoints=asked,
-        loops=(throttle, brake),
+        loops=(raising, lowering),
         settling=search.proof,
         reason=reason,
         cycles=(),

@@ -1,7 +1,7 @@
 """One sample of the switched loop as an affine map, exact in balls:  mode, part of the limits, plant -> matrix.
 
 Which map acts at a sample is decided by the active mode, by the part of its limits in which the demanded control lies,
-and by whether the mode begins.  With z = (y, x_throttle, x_brake, 1), or (y, x_throttle, x_brake, u_last, 1) with a
+and by whether the mode begins.  With z = (y, x_1, x_2, 1), or (y, x_1, x_2, u_last, 1) with a
 computing delay, each map is a matrix of formulas (1) to (4) of `model`; the last row keeps the 1.
 
 Source: derived here from `model`.
@@ -40,7 +40,7 @@ def sample_map(
 
     Args:
         model: with `obstacle == ""`, so that a control that is tracked lies at a limit of the idle controller.
-        lags: of both plants, throttle first.
+        lags: of both plants, in the order of the modes.
         setpoint: r, in the output's unit.
         mode: index of the active loop.
         part: where the demanded control lies, `BELOW`, `WITHIN` or `ABOVE`.

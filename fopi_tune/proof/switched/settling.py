@@ -1,4 +1,4 @@
-"""Every throttle phase that begins at the hysteresis' lower line settles without another switch, proved in balls.
+"""Every raising phase that begins at the hysteresis' lower line settles without another switch, proved in balls.
 
 As long as no limit is reached, zeta_{k+1} = A zeta_k for the corners of `entries`.  The proof follows them through N
 samples and finds
@@ -26,11 +26,11 @@ from flint import arb, arb_mat, ctx
 
 from fopi_tune.proof.switched.definite import Triangle, is_positive_definite, not_below, quadratic_norm, symmetric
 from fopi_tune.proof.switched.entries import (
-    brake_top,
     dwell_margin,
     entry_corners,
+    lowering_top,
+    raising_lag,
     starts_above_low,
-    throttle_lag,
     why_no_entries,
 )
 from fopi_tune.proof.switched.model import SwitchedModel, loop_matrices
@@ -43,7 +43,7 @@ MOST_SAMPLES = 40_000
 
 @dataclass(frozen=True)
 class SettlingProof:
-    """That throttle phases settle, for a range of setpoints.
+    """That raising phases settle, for a range of setpoints.
 
     Args:
         setpoints: least and largest r, output unit.
@@ -88,9 +88,9 @@ def verify_settling(model: SwitchedModel, proof: SettlingProof) -> Excursions | 
     if not (1 <= proof.samples <= MOST_SAMPLES and 0.0 < proof.decay < 1.0):
         return None
     with ctx.workprec(_PRECISION):
-        if not brake_top(model) + dwell_margin(model) < arb(lowest) - arb(model.hysteresis):
+        if not lowering_top(model) + dwell_margin(model) < arb(lowest) - arb(model.hysteresis):
             return None
-        a, _, c = loop_matrices(model.loops[0].controller, throttle_lag(model))
+        a, _, c = loop_matrices(model.loops[0].controller, raising_lag(model))
         if len(proof.matrix) != a.nrows():
             return None
         p = symmetric(proof.matrix)
@@ -151,7 +151,7 @@ def _start(model: SwitchedModel, proof: SettlingProof) -> tuple[arb_mat, list[_C
     tables: list[list[list[arb]]] = []
     corners = []
     for end in proof.setpoints:
-        found, rest = entry_corners(model, arb(end)), arb(end) / throttle_lag(model).gain
+        found, rest = entry_corners(model, arb(end)), arb(end) / raising_lag(model).gain
         tables.append(found.tolist())
         corners += [_Corner(rest - low, high - rest)] * found.ncols()
     return arb_mat([first + second for first, second in zip(*tables, strict=True)]), corners

@@ -16,11 +16,11 @@ from flint import arb, ctx
 from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.switched.definite import lower_triangle, midpoints
 from fopi_tune.proof.switched.entries import (
-    brake_top,
     dwell_margin,
     entry_corners,
+    lowering_top,
+    raising_lag,
     starts_above_low,
-    throttle_lag,
     why_no_entries,
 )
 from fopi_tune.proof.switched.model import SwitchedModel, loop_matrices
@@ -65,7 +65,7 @@ def prove_settling(model: SwitchedModel, setpoints: tuple[float, float] | None) 
         return SettlingSearch(None, reason)
     responses = _responses(model)
     if responses is None:
-        return SettlingSearch(None, "the throttle's loop is not stable without its limits")
+        return SettlingSearch(None, f"the {model.loops[0].name}'s loop is not stable without its limits")
     wide = responses.range(setpoints)
     if wide is None:
         return SettlingSearch(None, responses.why_none(setpoints))
@@ -111,12 +111,13 @@ class _Responses:
     control: tuple[float, float]
     least: float
     least_name: str
+    raising: str
 
     @property
     def bounds(self) -> list[tuple[float, float, str]]:
         """The setpoints that each kind of inequality allows, with what ends them."""
         found = [(self.least, math.inf, self.least_name)]
-        found.append((self.control[0] / self.rest, self.control[1] / self.rest, "the throttle's limits at rest"))
+        found.append((self.control[0] / self.rest, self.control[1] / self.rest, f"the {self.raising}'s limits at rest"))
         for constant, slope, bound, name in self.limits:
             with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
                 edge = (bound - constant) / slope
@@ -191,12 +192,12 @@ class _Responses:
 def _responses(model: SwitchedModel) -> _Responses | None:
     """Follow all corners; None where the loop is unstable."""
     with ctx.workprec(_PRECISION):
-        lag = throttle_lag(model)
+        lag = raising_lag(model)
         a, _, c = (midpoints(each) for each in loop_matrices(model.loops[0].controller, lag))
         constant = midpoints(entry_corners(model, arb(0)))
         slope = midpoints(entry_corners(model, arb(1))) - constant
         rest, margin = 1.0 / float(lag.gain), float(dwell_margin(model))
-        least = float(brake_top(model)) + model.hysteresis + margin
+        least = float(lowering_top(model)) + model.hysteresis + margin
     level = _level_set(a, c)
     if level is None:
         return None
@@ -210,21 +211,22 @@ def _responses(model: SwitchedModel) -> _Responses | None:
         z = a @ z
     states.append((z[:, :corners], z[:, corners:]))
     (y, v), (y_slope, v_slope) = (outputs[:, :, part].transpose(1, 0, 2) for part in (np.s_[:corners], np.s_[corners:]))
-    low, high = model.loops[0].controller.limits
+    (low, high), raising = model.loops[0].controller.limits, model.loops[0].name
     v_slope = v_slope + rest
     # where the first control is known to be within the lower limit, rounding must not say otherwise
     first = int(starts_above_low(model))
     limits = (
         (y, y_slope, model.hysteresis, "the output overshoots by the hysteresis"),
-        (v, v_slope, high, "the throttle's upper limit is reached"),
-        (-v[first:], -v_slope[first:], -low, "the throttle's lower limit is reached"),
+        (v, v_slope, high, f"the {raising}'s upper limit is reached"),
+        (-v[first:], -v_slope[first:], -low, f"the {raising}'s lower limit is reached"),
     )
     inverse = np.linalg.inv(level.full)
     gains = math.sqrt(inverse[0, 0]), math.sqrt(float((c @ inverse @ c.T)[0, 0]))
-    name = "the brake's largest control holds the output above the hysteresis"
+    lowering = model.loops[1].name
+    name = f"the {lowering}'s largest control holds the output above the hysteresis"
     if margin > 0.0:
-        name = "within min_dwell_s the output may fall below what the brake's largest control holds"
-    return _Responses(limits, tuple(states), level, gains, model.hysteresis, rest, (low, high), least, name)
+        name = f"within min_dwell_s the output may fall below what the {lowering}'s largest control holds"
+    return _Responses(limits, tuple(states), level, gains, model.hysteresis, rest, (low, high), least, name, raising)
 
 
 def _level_set(a: Array, c: Array) -> _Level | None:

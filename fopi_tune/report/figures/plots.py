@@ -23,6 +23,7 @@ from fopi_tune.report.figures.picture import (
     log_axes,
 )
 from fopi_tune.report.text.formatting import number
+from fopi_tune.spec.model import SystemSpec
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +93,8 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: ScenarioResult) 
         output.plot(t.time_s, t.output[0], color=_IDEAL, label="output")
         rate.plot(t.time_s, t.rate[0], color=_IDEAL)
         control.step(t.time_s, t.applied[0], where="post", color=_DIGITAL)
-        shade_second_mode((output, rate, control), t.time_s, t.mode[0])
+        if isinstance(result.spec, SystemSpec):
+            shade_second_mode((output, rate, control), t.time_s, t.mode[0], result.spec.modes[1].name)
         for axes, label in ((output, "output"), (rate, "output's rate, 1/s"), (control, "control")):
             axes.set_ylabel(label)
             axes.grid(True, linewidth=0.3)
@@ -104,12 +106,12 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: ScenarioResult) 
     return buffer.getvalue()
 
 
-def shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarray) -> None:
-    """Grey where mode 2 (the brake) acts, with one entry in the legend."""
+def shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarray, name: str) -> None:
+    """Grey where mode 2 acts, with one entry in the legend that has its name."""
     edges = np.flatnonzero(np.diff((mode == 2).astype(int), prepend=0, append=0))
     for k, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
         for place, axes in enumerate(every):
-            label = "brake acts" if k == 0 and place == 0 else None
+            label = _plain(f"{name} acts") if k == 0 and place == 0 else None
             axes.axvspan(
                 float(time_s[begin]), float(time_s[min(end, len(time_s) - 1)]), color="0.85", linewidth=0, label=label
             )

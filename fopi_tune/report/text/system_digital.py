@@ -21,12 +21,12 @@ def system_digital_text(result: DiscretizedSystem) -> Text:
         *gains_lines(result.gains),
         ("", ""),
     ]
-    throttle, brake = (mode.name for mode in spec.modes)
+    raising, lowering = (mode.name for mode in spec.modes)
     unit, dwell = spec.measurement_unit, spec.min_dwell_samples
     eps = with_unit(spec.hysteresis, unit) if unit else f"{spec.hysteresis:g}"
     lines += entry("sampled", f"every {with_unit(spec.sample_time_s, 's')}")
     above, below = (f"the setpoint{TIE}{sign}{TIE}{eps}" for sign in "+-")
-    lines += entry("switching", f"{brake} from {above} on, {throttle} from {below} on")
+    lines += entry("switching", f"{lowering} from {above} on, {raising} from {below} on")
     if dwell > 1:
         lines += entry("dwell", f"at least {dwell} samples, {with_unit(dwell * spec.sample_time_s, 's')}")
     lines += entry("inactive", spec.inactive)

@@ -44,8 +44,8 @@ def simulate_inclusion(
     Args:
         system: gives hysteresis, minimum dwell, first mode, memory and the computing delay.
         scenario: without noise, quantum and rate limit.
-        gains: throttle first.
-        plants: of first order, throttle first.
+        gains: of the raising mode first.
+        plants: of first order, in the same order.
         controllers: give the controls' limits.
         sample_time_s: of the digital controllers.
         accuracy: refine until the output moves by less than this, in its unit; None: as it is.

@@ -1,0 +1,158 @@
+"""The shape of the section `system`, and each mode's spec with what the system says in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
+from fopi_tune.core.families.plant_list import PlantList
+from fopi_tune.core.fractional_plants.family import is_fractional
+from fopi_tune.core.measured.family import MeasuredFamily
+from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
+from fopi_tune.spec.modes.names import EXAMPLE, FAMILIAR, MODE_PATTERN, NAME_RULE, foreign_pattern
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
+from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape, Text
+
+_INACTIVE = ("held", "tracking", "reset")
+
+#: path as it is written in the system file -> the spec there
+SpecLoader = Callable[[str], DesignSpec]
+
+
+@dataclass(frozen=True)
+class Unread(Shape):
+    """A section that cannot be read, so that others' mistakes are told."""
+
+    meaning: str
+
+    def read(self, place: Place) -> Any:
+        return place.path
+
+    def json_schema(self) -> JsonSchema:
+        return {"description": self.meaning}
+
+
+def modes_shape(names: tuple[str, str] | None) -> Record:
+    """The shape of the section.
+
+    Args:
+        names: of both modes; None: any, for the schema.
+    """
+    shown = names or FAMILIAR
+    keys = {name: Key(_mode_shape(name), required=names is not None) for name in shown}
+    keys |= _turns(names)
+    keys = with_defaults_of(SystemSpec, keys)
+    rules: JsonSchema = {}
+    if names is None:
+        named = _mode_shape("mode").json_schema()
+        rules = {"patternProperties": {foreign_pattern(reserved_words()): named}}
+    return Record("which loops take turns, and when", keys, lambda values, place: values, EXAMPLE, rules=rules)
+
+
+def reserved_words() -> tuple[str, ...]:
+    """Keys of the section that are no modes."""
+    return tuple(_turns(None))
+
+
+def mode_name(names: tuple[str, str] | None, meaning: str) -> Shape:
+    """The name of one of the modes."""
+    return Text(meaning, MODE_PATTERN, NAME_RULE) if names is None else Choice(meaning, names)
+
+
+def _turns(names: tuple[str, str] | None) -> dict[str, Key]:
+    """What is said beside the modes."""
+    start = "mode at the start; the throttle, or the mode that is written first, when left out"
+    return {
+        "hysteresis": Key(Number("half-width of the hysteresis around the setpoint, output unit", at_least=0)),
+        "inactive": Key(Choice("what the inactive controller's memory does", _INACTIVE), required=False),
+        "first": Key(mode_name(names, start), required=False),
+        "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),
+        "window_s": Key(
+            Number("of chattering, s; 2 most_switches samples when left out", above=0, at_most=1e9), required=False
+        ),
+        "min_dwell_s": Key(
+            Number("a mode stays at least so long after a switch, s; rounded up to samples", at_least=0, at_most=1e9),
+            required=False,
+        ),
+        "shared": Key(
+            ListOf("numbers of both plants that are one number", Text("a number's name in both specs"), 0, 64),
+            required=False,
+        ),
+    }
+
+
+def _mode_shape(name: str) -> Record:
+    order = Number("order of the integral", above=ALPHA_MIN, below=ALPHA_MAX)
+    gains = {"kp": Key(Number("proportional gain")), "ki": Key(Number("integral gain")), "alpha": Key(order)}
+    keys = {
+        "spec": Key(Text(f"path of the {name}'s spec, from this file's folder")),
+        "gains": Key(
+            Record("its gains; tuned when left out", gains, _build_gains, "{kp: 0.1, ki: 0.1, alpha: 0.8}"), False
+        ),
+    }
+    keys["output_limits"] = Key(Pair("limits of its control, in place of its spec's", Number("limit")), required=False)
+    rate = Number("fastest change of its control by the controller, per s, in place of its spec's", above=0)
+    keys["output_rate_per_s"] = Key(rate, required=False)
+    return Record(f"the {name}", keys, lambda values, place: values, f"{{spec: {name}.yaml}}")
+
+
+def _build_gains(values: Values, place: Place) -> FoPi | None:
+    try:
+        return FoPi(float(values["kp"]), float(values["ki"]), float(values["alpha"]))
+    except DomainError as error:
+        place.refuse(str(error))
+        return None
+
+
+def read_mode(name: str, values: Values, place: Place, loader: SpecLoader) -> ModeSpec | None:
+    """A mode with its spec, or None after reporting why the spec is none of a mode.
+
+    Args:
+        name: of the mode.
+        values: of its mapping.
+        place: of its mapping.
+        loader: reads the spec that it names.
+    """
+    where = place.child("spec")
+    try:
+        spec = loader(values["spec"])
+    except SpecError as error:
+        where.refuse(f"the spec cannot be used: {error.problems[0]}")
+        return None
+    if (problem := _problem(spec)) is not None:
+        where.refuse(problem)
+        return None
+    assert spec.digital is not None
+    own = {key: values[key] for key in ("output_limits", "output_rate_per_s") if key in values}
+    if own:
+        spec = replace(spec, digital=replace(spec.digital, **own))
+    return ModeSpec(name, spec, values.get("gains"))
+
+
+def _problem(spec: DesignSpec) -> str | None:
+    """Why a spec is none of a mode, with what to do; None where it is one."""
+    if is_fractional(spec.plant):
+        return "a mode's plant is of first order in this version, not a fractional one"
+    if spec.digital is None:
+        return "the spec has no section digital, which says how its controller runs; add one to it"
+    if spec.controller.has_derivative:
+        return (
+            "a mode's controller is of structure fopi or pi in this version: two that take turns know no "
+            f"{spec.controller.structure}"
+        )
+    if spec.controller.measurement_filter is not None:
+        return "a mode's controller has no measurement_filter in this version; remove it from its spec"
+    if spec.controller.setpoint_weight != 1.0:
+        return "a mode's controller has setpoint_weight: 1 in this version; remove the weight from its spec"
+    if isinstance(spec.plant, PlantList):
+        return "a mode's spec has one plant in this version; write plant: in place of plants:"
+    if isinstance(spec.plant, MeasuredFamily):
+        return "a mode's plant is simulated, which a measured response cannot be; write its transfer function"
+    numerator, denominator, dead_time = spec.plant.assemble({})
+    if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:
+        return "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"
+    return None
