@@ -175,7 +175,11 @@ def _line_with_derivative(gains: FoPid, width: int) -> str:
 def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
     """The gains of one loop, or of each mode of a system."""
     if isinstance(gains, Mapping):
-        return [(f"{name:<{FIRST_COLUMN}}{gains_line(each, 46)}", "bold") for name, each in gains.items()]
+        labels = {name: _label(name) for name in gains}
+        return [
+            (f"{labels[name]}{gains_line(each, 46 + FIRST_COLUMN - len(labels[name]))}", "bold")
+            for name, each in gains.items()
+        ]
     return [(gains_line(gains), "bold"), *_filter_lines(gains.measurement_filter)]
 
 
@@ -191,7 +195,12 @@ def _filter_lines(used: MeasurementFilter | None) -> list[Line]:
 
 def entry(label: str, words: str, style: str = "") -> list[Line]:
     """A label in the first column and wrapped text beside it."""
-    return wrapped(words, style, indent=" " * FIRST_COLUMN, first=f"{label:<{FIRST_COLUMN}}")
+    return wrapped(words, style, indent=" " * FIRST_COLUMN, first=_label(label))
+
+
+def _label(text: str) -> str:
+    """A label with its space behind it; a mode's name may be longer than the column."""
+    return f"{text:<{FIRST_COLUMN - 1}} "
 
 
 def wrapped(sentence: str, style: str = "", indent: str = "", first: str = "") -> list[Line]:

@@ -114,3 +114,11 @@ def test_long_gains_do_not_touch_their_formula() -> None:
         "brake     kp = 0.010885  ki = 0.23023  alpha = 0.79673  C(s) = kp + ki / s^alpha",
         "other     kp = 1.0885e-05   ki = 2.3023e-05   alpha = 0.79673",
     ]
+
+
+@pytest.mark.parametrize("name", ["retarder", "retarders", "hysteresis2", "r" * 32])
+def test_a_modes_name_of_any_length_stands_apart_from_its_gains(name: str) -> None:
+    (line, _), (fan, _) = gains_lines({name: FoPi(0.09, 0.025, 0.8), "fan": FoPi(0.07, 0.11, 0.45)})
+    assert fan.startswith("fan       kp = 0.07 ")
+    assert line.startswith(f"{name} ")
+    assert len(line) <= 80
