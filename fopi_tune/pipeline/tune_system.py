@@ -45,8 +45,8 @@ def tune_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -
     system = load_system(source)
     if not system.tuned or system.objective is None:
         raise DomainError(
-            "the system says not what to tune; add tune: [brake], requirements and objective: {minimize: iae, "
-            "scenario: ...}, or tune the modes' own specs"
+            f"the system says not what to tune; add tune: [{system.modes[1].name}], requirements and objective: "
+            "{minimize: iae, scenario: ...}, or tune the modes' own specs"
         )
     fixed = mode_gains(system, gains, system.tuned)
     found = design_system(system, fixed)

@@ -103,16 +103,16 @@ class DaskRunner:
         """
         from distributed.scheduler import KilledWorker
 
-        future = self._next_future()
+        future, status = self._next_ended()
         task = self._tasks.pop(str(future.key))
         with _translate_lost_connection():
-            if future.status == "finished":
+            if status == "finished":
                 if task.draws is not None:
                     return TaskOutcome(task, block=future)
                 results = future.result()
                 future.release()
                 return TaskOutcome(task, results if isinstance(results, list) else [results])
-            if future.status != "error":
+            if status != "error":
                 raise ClusterLostError(_SCHEDULER_GONE)
             error = future.exception()
             future.release()
@@ -120,13 +120,15 @@ class DaskRunner:
             return TaskOutcome(task)
         return TaskOutcome(task, reason=f"the worker could not run it, {type(error).__name__}: {error}")
 
-    def _next_future(self) -> Any:
-        """Wait for a task whose result is still there: one that went with its worker is run again by the scheduler."""
+    def _next_ended(self) -> tuple[Any, str]:
+        """Wait for a task that ended, and how: one whose result went with its worker is run again by the scheduler."""
         while True:
             self._wait()
             future: Any = next(self._completed)
-            if future.status not in ("lost", "pending"):
-                return future
+            # read once: a worker may die at any moment, and the result is then waited for where it is fetched
+            status: str = future.status
+            if status not in ("lost", "pending"):
+                return future, status
             self._completed.add(future)
 
     def _wait(self) -> None:

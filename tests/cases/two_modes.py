@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from fopi_tune.spec import load_system
 from fopi_tune.spec.model import SystemSpec
 
-RAISES = "{model: lag, static_gain: 20, time_constant_s: {min: 3, max: 6, nominal: 4}}"
-LOWERS = "{model: lag, static_gain: 12, time_constant_s: {min: 1.5, max: 3, nominal: 2}}"
+_RAISES = "{model: lag, static_gain: 20, time_constant_s: {min: 3, max: 6, nominal: 4}}"
+_LOWERS = "{model: lag, static_gain: 12, time_constant_s: {min: 1.5, max: 3, nominal: 2}}"
 _SPEC = """\
 schema: 1
 name: {name}
 plant: {plant}
 requirements: [{{phase_margin_deg: {{at_least: 20}}}}]
-digital: {{sample_time_s: 0.1, poles: 5{digital}}}
+digital: {{sample_time_s: 0.1, poles: 5}}
 """
 _GAINS = ("{kp: 0.12, ki: 0.08, alpha: 0.9}", "{kp: 0.2, ki: 0.15, alpha: 0.8}")
 _LIMITS = ("[0, 1]", "[-1, 0]")
@@ -26,9 +25,8 @@ scenarios:
 
 
 def write(
-    folder: Path, names: tuple[str, str] = ("heater", "fan"), turns: str = "hysteresis: 0.3", *, scenarios: str = "",
-    plants: tuple[str, str] = (RAISES, LOWERS), in_modes: Mapping[str, str] | None = None, more: str = "",
-    gains: tuple[str, str] = _GAINS, limits: tuple[str, str] = _LIMITS, digital: str = "",
+    folder: Path, names: tuple[str, str] = ("heater", "fan"), turns: str = "hysteresis: 0.3", *, more: str = "",
+    limits: tuple[str, str] = _LIMITS,
 ) -> Path:  # fmt: skip
     """The system's file, and the specs of its modes beside it.
 
@@ -36,20 +34,15 @@ def write(
         folder: where.
         names: of the modes, as they are written.
         turns: lines of the section `system` besides the modes.
-        scenarios: in place of the usual one.
-        plants, gains, limits: of the modes, in their order.
-        in_modes: more words of a mode, by its name.
         more: lines at the end.
-        digital: more words of both digital sections.
+        limits: of the modes' controls, in their order.
     """
     lines = []
-    for name, plant, gain, limit in zip(names, plants, gains, limits, strict=True):
-        spec = _SPEC.format(name=name, plant=plant, digital=digital)
-        (folder / f"{name}.yaml").write_text(spec, encoding="utf-8")
-        own = (in_modes or {}).get(name, "")
-        lines.append(f"  {name}: {{spec: {name}.yaml, gains: {gain}, output_limits: {limit}{own and ', '}{own}}}")
+    for name, plant, gains, limit in zip(names, (_RAISES, _LOWERS), _GAINS, limits, strict=True):
+        (folder / f"{name}.yaml").write_text(_SPEC.format(name=name, plant=plant), encoding="utf-8")
+        lines.append(f"  {name}: {{spec: {name}.yaml, gains: {gains}, output_limits: {limit}}}")
     indented = [f"  {line}" for line in turns.splitlines()]
-    text = "\n".join(["schema: 1", "name: rig", "system:", *lines, *indented, scenarios or _SCENARIO, more, ""])
+    text = "\n".join(["schema: 1", "name: rig", "system:", *lines, *indented, _SCENARIO, more, ""])
     path = folder / "rig.yaml"
     path.write_text(text, encoding="utf-8")
     return path

@@ -22,6 +22,7 @@ from cases.project import CONTINUOUS, IMPORTED, ROOT
 
 from fopi_tune.study.ledger import read_ledger
 from fopi_tune.study.load import load_study
+from fopi_tune.study.model import Cell, Kind
 
 TESTS = ROOT / "tests"
 DASK = shutil.which("dask", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", ""))))
@@ -352,6 +353,31 @@ def test_draws_that_are_divided_among_processes_give_the_same_rows(tmp_path: Pat
     alone = table_of(tmp_path / "s.yaml", tmp_path / "alone", "0")
     assert alone.count(",met,") == 2
     assert table_of(tmp_path / "s.yaml", tmp_path / "many", "2", "blocks") == alone
+
+
+def test_a_result_that_goes_with_its_worker_before_it_is_fetched_is_computed_again() -> None:
+    from fopi_tune.study import cluster
+    from fopi_tune.study.engine import Task
+
+    # a cell that another version computes ends at once, with that as its reason
+    task = Task([("key", Cell(0, Kind.CLAIM, "any", {}, "none"))])
+    with cluster.local_cluster(2) as runner:
+        runner.submit(task, {"numpy": "0"})
+        ended = runner._completed
+        while not ended.has_ready():
+            time.sleep(0.01)
+        client: Any = runner._client
+        (future,) = list(client.futures)
+        (holders,) = client.who_has().values()
+        (process,) = client.run(os.getpid, workers=list(holders)).values()
+        os.kill(process, signal.SIGKILL)
+        # until the scheduler has noticed
+        until = time.monotonic() + 10.0
+        while client.futures[future].status == "finished" and time.monotonic() < until:
+            time.sleep(0.001)
+        found = runner.next_outcome()
+    assert found.results is not None
+    assert "instead of 0" in found.results[0].reason
 
 
 class _Waiting:

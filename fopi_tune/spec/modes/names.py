@@ -19,13 +19,11 @@ FAMILIAR = ("throttle", "brake")
 MODE_PATTERN = "[a-z][a-z0-9_]{0,31}"
 NAME_RULE = "a mode's name is lower-case letters, digits and underscores, at most 32, and begins with a letter"
 EXAMPLE = "{throttle: {spec: throttle.yaml}, brake: {spec: brake.yaml}, hysteresis: 0.5}"
-#: words of thresholds, which name a mode: to_brake_above
-THRESHOLD_PATTERN = "to_[a-z0-9_]*_(?:above|below)"
 
 
 def foreign_pattern(reserved: Collection[str]) -> str:
     """Which keys are names of modes other than the familiar ones, as a regular expression of JSON Schema."""
-    words = "|".join([*reserved, *FAMILIAR, THRESHOLD_PATTERN])
+    words = "|".join([*reserved, *FAMILIAR])
     return f"^(?!(?:{words})$){MODE_PATTERN}$"
 
 
@@ -63,9 +61,7 @@ def written_names(place: Place, reserved: Collection[str]) -> tuple[str, str] | 
 def _is_mode(place: Place, key: str) -> bool:
     """Whether a key that is no other word of the section is meant as a mode."""
     assert isinstance(place.node, MappingNode)
-    if key in FAMILIAR:
-        return True
-    return isinstance(place.node.entries[key][1], MappingNode) and re.fullmatch(THRESHOLD_PATTERN, key) is None
+    return key in FAMILIAR or isinstance(place.node.entries[key][1], MappingNode)
 
 
 def _refuse_count(found: Sequence[str], place: Place) -> None:
