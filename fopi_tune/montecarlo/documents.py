@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-from fopi_tune.core.distributions import Uniform
+from fopi_tune.core.distributions.bounded import Uniform
+from fopi_tune.montecarlo.joint import JointYield
 from fopi_tune.montecarlo.montecarlo import Evidence
 from fopi_tune.montecarlo.outcomes import OutcomeStatistics, WorstPlant
 from fopi_tune.montecarlo.statistics import Fraction, Histogram
@@ -17,6 +19,7 @@ def to_document(evidence: Evidence) -> dict[str, Any]:
     """Evidence about a loop, as in the JSON of `fopi validate`; infinite numbers are null."""
     return {
         "drawn": _sampling(evidence),
+        "joint_yield": _joint(evidence.joint, evidence.scenarios),
         "stable": {**_fraction(evidence.stable), "missed_in_the_family": evidence.unstable_inside},
         "requirements": [_outcome(outcome) for outcome in evidence.requirements],
         "limits": [_outcome(outcome) for outcome in evidence.limits],
@@ -27,6 +30,7 @@ def system_document(evidence: SystemEvidence) -> dict[str, Any]:
     """Evidence about a system, as in the JSON of `fopi validate`."""
     return {
         "drawn": _sampling(evidence),
+        "joint_yield": _joint(evidence.joint, [each.joint for each in evidence.scenarios]),
         "scenarios": [
             {
                 "name": each.scenario,
@@ -50,11 +54,22 @@ def _sampling(evidence: Evidence | SystemEvidence) -> dict[str, Any]:
         "confidence": validation.confidence,
         "intervals_are_exact": validation.design == "random",
         "distributions": _distributions(validation, evidence.numbers),
+        **_correlations(validation),
         "samples_file": _file(validation),
         "outside_the_family": evidence.outside,
         "no_plants": evidence.no_plants,
         **({"plants": [{"name": name, "weight": weight} for name, weight in members]} if members else {}),
     }
+
+
+def _joint(joint: JointYield, scenarios: Sequence[JointYield]) -> dict[str, Any]:
+    """How many plants met everything at once, in all and in each scenario."""
+
+    def said(each: JointYield) -> dict[str, Any]:
+        counts = {**_fraction(each.fraction), "missed_in_the_family": each.missed_inside}
+        return {**counts, "first_missed": list(each.first_missed)}
+
+    return {**said(joint), "scenarios": [{"name": each.scenario, **said(each)} for each in scenarios]}
 
 
 def _outcome(outcome: OutcomeStatistics) -> dict[str, Any]:
@@ -105,6 +120,12 @@ def _distributions(validation: ValidationSpec, numbers: tuple[str, ...]) -> dict
     if validation.samples_file is not None:
         return None
     return {name: validation.distributions.get(name, Uniform()).words() for name in numbers}
+
+
+def _correlations(validation: ValidationSpec) -> dict[str, Any]:
+    """The correlations as a spec writes them; nothing where there are none."""
+    said = [{"numbers": list(each.numbers), "coefficient": each.coefficient} for each in validation.correlations]
+    return {"correlations": said} if said else {}
 
 
 def _file(validation: ValidationSpec) -> dict[str, Any] | None:

@@ -16,7 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.distributions import Distribution, Uniform
+from fopi_tune.core.distributions.bounded import Uniform
+from fopi_tune.core.distributions.correlation import Correlation, correlated
+from fopi_tune.core.distributions.distribution import Distribution
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.parameter_table import ParameterTable, not_uncertain, outside_box
 from fopi_tune.core.plant import PlantFamily
@@ -41,6 +43,7 @@ class SamplingPlan:
         total: number of draws of the whole design; None where the design does not need it.
         source: distributions by parameter name (`Uniform` for those left out), a table of samples to pick from, or a
             list of samples used in its order.
+        correlations: between parameters that are drawn from distributions.
 
     Raises:
         DomainError: the seed or the total is no whole number or out of range, or a Latin hypercube has no total.
@@ -50,6 +53,7 @@ class SamplingPlan:
     design: SamplingDesign = SamplingDesign.RANDOM
     total: int | None = None
     source: Mapping[str, Distribution] | ParameterTable | SampleList = field(default_factory=dict)
+    correlations: tuple[Correlation, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "seed", _whole("seed", self.seed))
@@ -88,6 +92,8 @@ def sample_points(plan: SamplingPlan, family: PlantFamily, first: int, count: in
     if unknown := sorted(set(plan.source) - set(names)):
         raise DomainError(not_uncertain(unknown[0], family))
     points = unit_cube_points(plan.design, plan.seed, len(names), first, count, plan.total)
+    if plan.correlations:
+        points = correlated(points, names, plan.correlations)
     for column, name in enumerate(names):
         u = np.ascontiguousarray(points[:, column])
         points[:, column] = plan.source.get(name, Uniform()).values(u, family.parameters[name])
@@ -115,7 +121,7 @@ def _places(plan: SamplingPlan, family: PlantList, first: int, count: int) -> Ar
     The first number of the cube selects the member, the others its uncertain numbers, uniform over their ranges.  A
     list of one has no choice: its draws are those of its only family.
     """
-    if not isinstance(plan.source, Mapping) or plan.source:
+    if not isinstance(plan.source, Mapping) or plan.source or plan.correlations:
         raise DomainError("plants of a list are drawn uniformly over their ranges; leave distributions and files out")
     if len(family.members) == 1:
         return family.place(0, sample_points(plan, family.first, first, count))

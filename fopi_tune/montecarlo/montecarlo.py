@@ -21,8 +21,9 @@ from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.errors import DomainError
+from fopi_tune.montecarlo.joint import JointYield, all_of
 from fopi_tune.montecarlo.margins import MarginScan
-from fopi_tune.montecarlo.membership import FamilyTally, merge_family_tallies
+from fopi_tune.montecarlo.membership import FamilyTally, Flags, merge_family_tallies
 from fopi_tune.montecarlo.outcomes import (
     ChunkProgress,
     OutcomeStatistics,
@@ -57,6 +58,8 @@ class Evidence:
         stable: fraction of stable loops.
         requirements: those over the family; those on the nominal plant alone are not sampled.
         limits: of the scenarios.
+        joint: how many plants are stable and meet every requirement and limit at once.
+        scenarios: how many plants meet every limit of one scenario at once, for each with limits.
         outside: plants outside the family's box, where no proof applies.
         unstable_inside: plants of the family whose loop is unstable.
         no_plants: draws that are no plants, such as one with a negative time constant; they enter no other count.
@@ -69,6 +72,8 @@ class Evidence:
     stable: Fraction
     requirements: tuple[OutcomeStatistics, ...]
     limits: tuple[OutcomeStatistics, ...]
+    joint: JointYield
+    scenarios: tuple[JointYield, ...]
     outside: int
     unstable_inside: int = 0
     no_plants: int = 0
@@ -99,6 +104,7 @@ class Block:
         no_plants: draws that are no plants.
         margins: of stability, then of every side of every requirement over the family.
         simulated: of each scenario with limits, as `PlantSampler.simulate_scenario`.
+        joint: of each scenario with limits everything at once, then of all demands.
     """
 
     first: int
@@ -107,6 +113,7 @@ class Block:
     no_plants: int
     margins: tuple[FamilyTally, ...]
     simulated: tuple[tuple[FamilyTally, ...], ...]
+    joint: tuple[FamilyTally, ...]
 
 
 def monte_carlo(
@@ -149,7 +156,7 @@ def sample_block(
     sampler.check_plants(no_plants)
     scenarios = _limited_scenarios(spec)
     done = split_progress(progress, end - first, 1 + len(scenarios))
-    margins = _MarginSampler(spec, gains, implementation, sampler).margins(first, end, done[0])
+    margins, met = _MarginSampler(spec, gains, implementation, sampler).margins(first, end, done[0])
     modes = [Mode(runtime_of(implementation.sections, spec), sampler.plants)]
     unit = "" if spec.digital is None else spec.digital.measurement_unit
     simulated = [
@@ -164,7 +171,9 @@ def sample_block(
         )
         for scenario, each in zip(scenarios, done[1:], strict=True)
     ]
-    return Block(first, end, outside, no_plants, margins, tuple(simulated))
+    flags = [each.met for each in simulated]
+    joint = tuple(sampler.joint_tally(each, first) for each in (*flags, all_of([met, *flags])))
+    return Block(first, end, outside, no_plants, margins, tuple(each.tallies for each in simulated), joint)
 
 
 def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
@@ -185,12 +194,15 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
     no_plants = sum(block.no_plants for block in ordered)
     sampler.check_plants(no_plants)
     stable, *rest = (merge_family_tallies(column) for column in zip(*(block.margins for block in ordered), strict=True))
-    limits: list[OutcomeStatistics] = []
+    *each_joint, joint = (
+        merge_family_tallies(column) for column in zip(*(block.joint for block in ordered), strict=True)
+    )
+    simulated = []
     for place, scenario in enumerate(_limited_scenarios(spec)):
         found = [
             merge_family_tallies(column) for column in zip(*(block.simulated[place] for block in ordered), strict=True)
         ]
-        limits += sampler.scenario_statistics(spec.judged_limits, scenario, found).limits
+        simulated.append(sampler.scenario_statistics(spec.judged_limits, scenario, found, each_joint[place]))
     return Evidence(
         validation=sampler.validation,
         stable=stable.tally.fraction(sampler.validation.confidence),
@@ -198,7 +210,9 @@ def evidence_of(spec: DesignSpec, blocks: Sequence[Block]) -> Evidence:
             sampler.outcome_statistics(t, upper, requirement=r)
             for t, (r, upper) in zip(rest, _sides(spec), strict=True)
         ),
-        limits=tuple(limits),
+        limits=tuple(limit for each in simulated for limit in each.limits),
+        joint=JointYield.of(joint, sampler.validation.confidence),
+        scenarios=tuple(each.joint for each in simulated),
         outside=sum(block.outside for block in ordered),
         unstable_inside=stable.missed_inside,
         no_plants=no_plants,
@@ -227,10 +241,9 @@ def scenario_fractions(spec: DesignSpec, implementation: Implementation) -> tupl
         about = limits_about(spec.scenario_requirements, scenario)
         if about:
             run = scenario_of(replace(scenario, noise_std=0.0), implementation, drawn.seed)
-            tallies = sampler.simulate_scenario(about, scenario, modes, run, lambda plants: None, unit=unit)
-            for outcome in sampler.scenario_statistics(about, scenario, tallies).limits:
-                assert outcome.limit is not None
-                found[outcome.limit].append(outcome.fraction)
+            some = sampler.simulate_scenario(about, scenario, modes, run, lambda plants: None, unit=unit)
+            for limit, counted in zip(about, some.tallies[2:], strict=True):
+                found[limit].append(counted.tally.fraction(drawn.confidence))
     return tuple(min(found[limit], key=lambda each: each.met) for limit in spec.scenario_requirements)
 
 
@@ -252,38 +265,41 @@ class _MarginSampler:
     implementation: Implementation
     sampler: PlantSampler
 
-    def margins(self, first: int, end: int, done: ChunkProgress) -> tuple[FamilyTally, ...]:
-        """Stability and every requirement over the family, of the draws first to end - 1."""
+    def margins(self, first: int, end: int, done: ChunkProgress) -> tuple[tuple[FamilyTally, ...], Flags]:
+        """Stability and every requirement over the family, of the draws first to end - 1, and which meet all."""
         sides = _sides(self.spec)
 
-        def margins_of(chunk: tuple[int, int]) -> list[FamilyTally]:
+        def margins_of(chunk: tuple[int, int]) -> tuple[list[FamilyTally], Flags]:
             draws = self.sampler.classified(*chunk)
             plants = Plants.members(self.spec.plant, draws.points)
             found = MarginScan(SampledLoops.implemented(self.gains, self.implementation, plants))
             stable = found.unstable_poles < 0.5
-            counts = [outcome_tally(draws, np.where(stable, 0.0, 1.0), stable, True)]
+            counts, flags = [outcome_tally(draws, np.where(stable, 0.0, 1.0), stable, True)], [stable]
             for requirement, upper in sides:
                 values = found.measure(requirement, upper)
                 # a value that does not exist is the worst there is: a crossover that |L| never makes, a margin of an
                 # unstable loop, which meets nothing.  An infinite margin stays what it is
                 values = np.where(np.isnan(values) | ~stable, np.inf if upper else -np.inf, values)
-                counts.append(outcome_tally(draws, values, _meets(requirement, upper, values), upper))
-            return counts
+                flags.append(_meets(requirement, upper, values))
+                counts.append(outcome_tally(draws, values, flags[-1], upper))
+            return counts, all_of(flags)
 
         parts: list[list[FamilyTally]] = []
+        everything: list[Flags] = []
         with ThreadPoolExecutor(available_threads()) as pool:
             chunks = list(self.sampler.chunks(SCANNED, first, end))
-            for chunk, counts in zip(chunks, pool.map(margins_of, chunks), strict=True):
+            for chunk, (counts, met) in zip(chunks, pool.map(margins_of, chunks), strict=True):
                 parts.append(counts)
+                everything.append(met)
                 done(chunk[1] - first)
-        return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
+        return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True)), np.concatenate(everything)
 
 
 def _limit_of(requirement: Requirement, upper: bool) -> float:
     return requirement.upper if upper else requirement.lower
 
 
-def _meets(requirement: Requirement, upper: bool, values: Array) -> np.ndarray:
+def _meets(requirement: Requirement, upper: bool, values: Array) -> Flags:
     """Whether values meet a limit, within the verification's tolerance."""
     quantity, limit = QUANTITIES[requirement.quantity], _limit_of(requirement, upper)
     natural = quantity.to_natural(limit)

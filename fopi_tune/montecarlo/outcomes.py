@@ -15,7 +15,8 @@ from fopi_tune.core.parameter_table import outside_box, why_impossible
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.draws import SampleList, SamplingPlan, sample_points, stays_inside
-from fopi_tune.montecarlo.membership import ClassifiedDraws, FamilyTally, family_tally, merge_family_tallies
+from fopi_tune.montecarlo.joint import JointYield, all_of, condition_tally
+from fopi_tune.montecarlo.membership import ClassifiedDraws, FamilyTally, Flags, family_tally, merge_family_tallies
 from fopi_tune.montecarlo.sampling import SamplingDesign
 from fopi_tune.montecarlo.statistics import Fraction, Histogram, Quantile, histogram
 from fopi_tune.montecarlo.tally import IndexedValue, Worst
@@ -92,12 +93,27 @@ class ScenarioStatistics:
         finite: fraction of the plants whose output stayed finite.
         calm: fraction of the plants that did not chatter.
         limits: the outcomes of the limits on this scenario.
+        joint: how many plants met all of this at once.
     """
 
     scenario: str
     finite: Fraction
     calm: Fraction
     limits: tuple[OutcomeStatistics, ...]
+    joint: JointYield
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedDraws:
+    """One scenario, simulated with some of the draws.
+
+    Args:
+        tallies: finite, without chattering, then every limit on the scenario.
+        met: which draws met all of them, shape (m,).
+    """
+
+    tallies: tuple[FamilyTally, ...]
+    met: Flags
 
 
 @dataclass(frozen=True)
@@ -175,7 +191,7 @@ class PlantSampler:
         block: tuple[int, int] | None = None,
         *,
         unit: str = "",
-    ) -> tuple[FamilyTally, ...]:
+    ) -> SimulatedDraws:
         """Simulate a scenario with draws, and tally: finite, without chattering, then every limit on it.
 
         Args:
@@ -189,25 +205,37 @@ class PlantSampler:
         """
         limits = limits_about(limits, scenario)
         parts: list[list[FamilyTally]] = []
+        everything: list[Flags] = []
         start, end = block or (0, self.validation.samples)
         first = start
         horizon = horizon_of(scenario, run)
         for measures in measure_chunks(modes, run, horizon, end - start, first=start, chunk=_SIMULATED):
             draws = self.classified(first, first + len(measures.finite))
-            counts = [_condition_tally(draws, measures.finite), _condition_tally(draws, ~measures.chattering)]
+            flags = [measures.finite, ~measures.chattering]
+            counts = [condition_tally(draws, each) for each in flags]
             for limit in limits:
                 upper = limit.relation is Relation.AT_MOST
                 values = measure_values(measures, limit.measure, unit)
                 values = np.where(np.isnan(values), np.inf if upper else -np.inf, values)
                 met = values <= limit.limit if upper else values >= limit.limit
                 counts.append(outcome_tally(draws, values, met, upper))
+                flags.append(met)
             parts.append(counts)
+            everything.append(all_of(flags))
             first += len(measures.finite)
             done(first - start)
-        return tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
+        tallies = tuple(merge_family_tallies(column) for column in zip(*parts, strict=True))
+        return SimulatedDraws(tallies, np.concatenate(everything))
+
+    def joint_tally(self, met: Flags, first: int) -> FamilyTally:
+        """The tally of the draws from `first` on, of which `met`, shape (m,), says which met everything."""
+        parts = []
+        for chunk in self.chunks(_SIMULATED, first, first + len(met)):
+            parts.append(condition_tally(self.classified(*chunk), met[chunk[0] - first : chunk[1] - first]))
+        return merge_family_tallies(parts)
 
     def scenario_statistics(
-        self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[FamilyTally]
+        self, limits: Sequence[Limit], scenario: ScenarioSpec, found: Sequence[FamilyTally], joint: FamilyTally
     ) -> ScenarioStatistics:
         """The tallies of `simulate_scenario` over all draws, with their intervals.
 
@@ -215,6 +243,7 @@ class PlantSampler:
             limits: the spec's.
             scenario: the spec's.
             found: finite, without chattering, then every limit on the scenario.
+            joint: all of this at once.
         """
         finite, calm, *rest = found
         outcomes = [
@@ -223,7 +252,11 @@ class PlantSampler:
         ]
         confidence = self.validation.confidence
         return ScenarioStatistics(
-            scenario.name, finite.tally.fraction(confidence), calm.tally.fraction(confidence), tuple(outcomes)
+            scenario.name,
+            finite.tally.fraction(confidence),
+            calm.tally.fraction(confidence),
+            tuple(outcomes),
+            JointYield.of(joint, confidence, scenario.name),
         )
 
     def outcome_statistics(
@@ -276,14 +309,11 @@ def sampling_plan_of(validation: ValidationSpec) -> SamplingPlan:
     """The draws that a spec's section `validation` asks for; those of a file are its rows in their order."""
     listed = validation.samples_file
     source = validation.distributions if listed is None else SampleList(listed.table)
-    return SamplingPlan(validation.seed, SamplingDesign(validation.design), validation.samples, source)
+    return SamplingPlan(
+        validation.seed, SamplingDesign(validation.design), validation.samples, source, validation.correlations
+    )
 
 
 def outcome_tally(draws: ClassifiedDraws, values: Array, met: np.ndarray, upper: bool) -> FamilyTally:
     """The tally of a chunk of values whose largest (upper) or smallest are the worst."""
     return family_tally(draws, values, met, Worst.LARGEST if upper else Worst.SMALLEST, WORST_KEPT)
-
-
-def _condition_tally(draws: ClassifiedDraws, met: np.ndarray) -> FamilyTally:
-    """The tally of a chunk of truth values."""
-    return outcome_tally(draws, np.where(met, 0.0, 1.0), met, True)

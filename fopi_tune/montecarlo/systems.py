@@ -13,6 +13,7 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.switched_runtime import Memory
+from fopi_tune.montecarlo.joint import JointYield, all_of
 from fopi_tune.montecarlo.outcomes import PlantSampler, Progress, ScenarioStatistics, split_progress
 from fopi_tune.simulation.measures import scenario_of
 from fopi_tune.simulation.scenario import Hybrid, InactiveController, Mode, PlantSupplier, Scenario
@@ -32,11 +33,13 @@ class SystemEvidence:
         outside: pairs outside the box.
         no_plants: draws that are no plants; they enter no other count.
         numbers: names of the uncertain numbers.
+        joint: how many pairs met everything in every scenario.
     """
 
     validation: ValidationSpec
     scenarios: tuple[ScenarioStatistics, ...]
     outside: int
+    joint: JointYield
     no_plants: int = 0
     numbers: tuple[str, ...] = ()
 
@@ -103,11 +106,12 @@ def system_evidence(
     outside, no_plants = sampler.count_outside()
     sampler.check_plants(no_plants)
     done = split_progress(progress, sampler.validation.samples, len(system.scenarios))
-    found = []
+    found, met = [], []
     for scenario, each in zip(system.scenarios, done, strict=True):
         run = hybrid_scenario(system, scenario, implementations[0], sampler.seed)
-        counts = sampler.simulate_scenario(
-            system.judged_limits, scenario, modes, run, each, unit=system.measurement_unit
-        )
-        found.append(sampler.scenario_statistics(system.judged_limits, scenario, counts))
-    return SystemEvidence(sampler.validation, tuple(found), outside, no_plants, system.family.uncertain_names)
+        some = sampler.simulate_scenario(system.judged_limits, scenario, modes, run, each, unit=system.measurement_unit)
+        joint = sampler.joint_tally(some.met, 0)
+        found.append(sampler.scenario_statistics(system.judged_limits, scenario, some.tallies, joint))
+        met.append(some.met)
+    joint = JointYield.of(sampler.joint_tally(all_of(met), 0), sampler.validation.confidence)
+    return SystemEvidence(sampler.validation, tuple(found), outside, joint, no_plants, system.family.uncertain_names)

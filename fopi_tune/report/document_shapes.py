@@ -177,6 +177,12 @@ def _evidence(top: JsonObject, spec: DesignSpec) -> None:
         drawn.text("design")
     else:
         drawn.child("samples_file").text("name")
+    if "joint_yield" in top.value:  # documents of earlier versions have none
+        joint = top.child("joint_yield")
+        _fraction(joint)
+        for each in joint.children("scenarios"):
+            each.text("name")
+            _fraction(each)
     _fraction(top.child("stable"))
     for entry in [*top.children("requirements"), *top.children("limits")]:
         _outcome(entry, spec)

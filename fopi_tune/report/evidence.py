@@ -33,9 +33,13 @@ class EvidenceRow:
 
 
 def evidence_rows(evidence: Mapping[str, Any]) -> tuple[EvidenceRow, ...]:
-    """Stability, then every requirement and limit."""
+    """Everything at once (of documents that count it), stability, then every requirement and limit."""
+    joint = evidence.get("joint_yield")
+    counted = [] if joint is None else [("all at once", joint)]
+    counted += [] if joint is None else [(f"all at once, {each['name']}", each) for each in joint["scenarios"]]
+    first = [EvidenceRow(what, *_share_and_interval(each), "", "") for what, each in counted]
     stable = EvidenceRow("stable loop", *_share_and_interval(evidence["stable"]), "", "")
-    return (stable, *(_row(judged) for judged in _tested(evidence)))
+    return (*first, stable, *(_row(judged) for judged in _tested(evidence)))
 
 
 def sampling_phrase(evidence: Mapping[str, Any]) -> str:

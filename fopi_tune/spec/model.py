@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.core.distributions import Distribution
+from fopi_tune.core.distributions.correlation import Correlation
+from fopi_tune.core.distributions.distribution import Distribution
 from fopi_tune.core.fractional_plants.family import is_fractional
 from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.parameter_table import SamplesFile
@@ -162,6 +163,7 @@ class ValidationSpec:
         design: random, latin_hypercube or sobol.
         confidence: of each interval, between 0 and 1.
         distributions: by the uncertain number's name; uniform where left out.
+        correlations: between uncertain numbers; those that are left out are independent.
         samples_file: the plants, one a row, instead of drawing them; the design has then no meaning.
     """
 
@@ -170,6 +172,7 @@ class ValidationSpec:
     design: str = "random"
     confidence: float = 0.99
     distributions: Mapping[str, Distribution] = field(default_factory=dict)
+    correlations: tuple[Correlation, ...] = ()
     samples_file: SamplesFile | None = None
 
     @property

@@ -9,6 +9,7 @@ from typing import Any, cast
 import pytest
 
 from fopi_tune.montecarlo.contradiction import contradictions
+from fopi_tune.montecarlo.joint import JointYield
 from fopi_tune.montecarlo.montecarlo import Evidence
 from fopi_tune.montecarlo.outcomes import OutcomeStatistics, WorstPlant
 from fopi_tune.montecarlo.statistics import fraction
@@ -17,6 +18,7 @@ from fopi_tune.proof.verification.results import Place
 from fopi_tune.spec.model import Limit, Relation, Requirement, ValidationSpec
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+JOINT = JointYield(fraction(1, 2), 1, (7,))
 
 
 def proof_of(requirement: Requirement, verdict: Verdict, level: float | None) -> RequirementProof:
@@ -31,7 +33,7 @@ def told(
     worst = WorstPlant(7, value, {}, True)
     upper = requirement.relation is Relation.AT_MOST
     outcome = OutcomeStatistics(requirement, None, None, upper, fraction(1, 2), (), (worst,), 1, worst)
-    evidence = Evidence(ValidationSpec(), fraction(2, 2), (outcome,), (), 0)
+    evidence = Evidence(ValidationSpec(), fraction(2, 2), (outcome,), (), JOINT, (), 0)
     certificate: Any = SimpleNamespace(
         stability=SimpleNamespace(verdict=stability), requirements=(proof,), scenarios=()
     )
@@ -75,7 +77,7 @@ def test_a_missing_margin_contradicts_nothing_that_is_not_proved(verdict: Verdic
 
 
 def test_without_a_certificate_nothing_is_contradicted() -> None:
-    evidence = Evidence(ValidationSpec(), fraction(1, 2), (), (), 0, unstable_inside=1)
+    evidence = Evidence(ValidationSpec(), fraction(1, 2), (), (), JOINT, (), 0, unstable_inside=1)
     assert contradictions(evidence, None) == ()
 
 
@@ -90,7 +92,7 @@ def test_a_draw_beyond_what_is_proved_of_a_scenario_contradicts_it(
     worst = WorstPlant(7, value, {}, True)
     outcome = OutcomeStatistics(None, limit, "stop", True, fraction(1, 2), (), (worst,), 1, worst)
     names = ("stop",) if noisy else ()
-    evidence = Evidence(ValidationSpec(), fraction(2, 2), (), (outcome,), 0, noisy_scenarios=names)
+    evidence = Evidence(ValidationSpec(), fraction(2, 2), (), (outcome,), JOINT, (), 0, noisy_scenarios=names)
     shown = SimpleNamespace(
         case=SimpleNamespace(limit=limit, scenario=SimpleNamespace(name=scenario)),
         proof=SimpleNamespace(verdict=PROVED, bound=2.000001),

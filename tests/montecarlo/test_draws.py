@@ -15,16 +15,9 @@ from cases.plants import brake, lag, lag_gain_and_delay, throttle, transfer_func
 from numpy.typing import NDArray
 from scipy import stats
 
-from fopi_tune.core.distributions import (
-    Beta,
-    Distribution,
-    FoldedNoise,
-    Normal,
-    NormalNoise,
-    TruncatedNormal,
-    Uniform,
-    UniformNoise,
-)
+from fopi_tune.core.distributions.bounded import Beta, TruncatedNormal, Uniform
+from fopi_tune.core.distributions.distribution import Distribution
+from fopi_tune.core.distributions.unbounded import FoldedNoise, Normal, NormalNoise, UniformNoise
 from fopi_tune.core.parameter_table import ParameterTable, impossible, outside_box, parse_table, why_impossible
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.errors import DomainError

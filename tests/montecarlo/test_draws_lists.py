@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cases.plant_lists import MIXED_GAINS, mixed
 
-from fopi_tune.core.distributions import Uniform
+from fopi_tune.core.distributions.bounded import Uniform
 from fopi_tune.core.families.plant_list import PlantList, PlantMember
 from fopi_tune.core.parameter_table import outside_box
 from fopi_tune.core.plant import PlantFamily, Uncertain

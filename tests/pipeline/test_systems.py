@@ -31,7 +31,7 @@ from fopi_tune.simulation.hybrid.model import Corner, HybridCar, HybridStart, Mo
 from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.spec import load_any, load_spec, load_system
-from fopi_tune.spec.model import DesignSpec, Knot, SystemSpec
+from fopi_tune.spec.model import DesignSpec, Knot, SystemSpec, ValidationSpec
 from fopi_tune.spec.systems import system_json_schema
 
 CAR, CAR_HELD = ROOT / "systems" / "car.yaml", ROOT / "systems" / "car_held.yaml"
@@ -328,6 +328,19 @@ def test_evidence_of_a_system_keeps_the_minimum_dwell() -> None:
         # the acceleration where the brake begins is what it is without one
     plain = ft.validate_system(replace(held, min_dwell_s=0.0), samples=30).evidence
     assert plain.scenarios[0].limits[1].fraction.met == 0
+
+
+def test_the_joint_yield_of_a_system_is_that_of_its_pairs_one_by_one() -> None:
+    system = replace(shortened(load_system(CAR_HELD)), validation=ValidationSpec(samples=25, seed=3))
+    evidence = ft.validate_system(system).evidence
+    met = []
+    for index in range(25):
+        driven = ft.simulate_system(system, replay=index).driven
+        met.append([run.finite and not run.chattering and all(met for _, met in run.limits) for run in driven])
+    flags = np.array(met)
+    assert evidence.joint.fraction.met == flags.all(axis=1).sum()
+    assert [each.joint.fraction.met for each in evidence.scenarios] == flags.sum(axis=0).tolist()
+    assert evidence.joint.first_missed == tuple(np.flatnonzero(~flags.all(axis=1))[:5].tolist())
 
 
 # ---- in continuous time ----

@@ -43,3 +43,13 @@ def test_values_that_are_no_numbers_are_told(
     row = evidence_rows(evidence(name, side, met, median, worst))[1]
     assert row.median == words[0]
     assert row.worst.startswith(words[1])
+
+
+def test_the_joint_yield_stands_above_the_single_demands() -> None:
+    told = evidence("overshoot", "at_most", 9, 0.1, 0.2)
+    assert [row.what for row in evidence_rows(told)] == ["stable loop", "overshoot <= 60"]
+    told["joint_yield"] = {"met": 8, "total": 10, "low": 0.4, "high": 0.97}
+    told["joint_yield"]["scenarios"] = [{"name": "stop", "met": 9, "total": 10, **SHARE}]
+    rows = evidence_rows(told)
+    assert [row.what for row in rows] == ["all at once", "all at once, stop", "stable loop", "overshoot <= 60"]
+    assert [(row.share, row.interval) for row in rows[:2]] == [("80 %", "40 .. 97 %"), ("90 %", "0 .. 100 %")]

@@ -23,16 +23,9 @@ from typer.testing import CliRunner
 
 import fopi_tune as ft
 from fopi_tune.cli import app
-from fopi_tune.core.distributions import (
-    Beta,
-    Distribution,
-    FoldedNoise,
-    Normal,
-    NormalNoise,
-    TruncatedNormal,
-    Uniform,
-    UniformNoise,
-)
+from fopi_tune.core.distributions.bounded import Beta, Triangular, TruncatedNormal, Uniform
+from fopi_tune.core.distributions.distribution import Distribution
+from fopi_tune.core.distributions.unbounded import FoldedNoise, LogNormal, Normal, NormalNoise, UniformNoise
 from fopi_tune.core.parameter_table import impossible, outside_box
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError, SpecError
@@ -73,6 +66,14 @@ limits:
 #: as written -> as read, and SciPy's own for the brake's time constant, nominal 2.25 in [1.6, 3.1]
 KINDS: dict[str, tuple[Distribution, Any]] = {
     "uniform": (Uniform(), stats.uniform(1.6, 1.5)),
+    "{uniform: {min: 1.8, max: 2}}": (Uniform((1.8, 2.0)), stats.uniform(1.8, 0.2)),
+    "{uniform: {min: 1, max: 4}}": (Uniform((1.0, 4.0)), stats.uniform(1.0, 3.0)),
+    "{triangular: {min: 1.6, mode: 2, max: 3.1}}": (Triangular(1.6, 2.0, 3.1), stats.triang(0.4 / 1.5, 1.6, 1.5)),
+    "{triangular: {min: 2, mode: 2, max: 4}}": (Triangular(2.0, 2.0, 4.0), stats.triang(0.0, 2.0, 2.0)),
+    "{lognormal: {mean: 2.25, std: 0.4}}": (
+        LogNormal(2.25, 0.4),
+        stats.lognorm(math.sqrt(math.log1p((0.4 / 2.25) ** 2)), scale=2.25 / math.sqrt(1.0 + (0.4 / 2.25) ** 2)),
+    ),
     "{truncated_normal: {mean: 2.25, std: 0.4}}": (
         TruncatedNormal(2.25, 0.4),
         stats.truncnorm(-0.65 / 0.4, 0.85 / 0.4, 2.25, 0.4),
@@ -181,6 +182,14 @@ WRONG = [
     ("{time_constant_s: {nominal_plus_noise: {shape: uniform, mean: 0}}}", "one-sided noise of mean 0 is none"),
     ("{time_constant_s: {nominal_plus_noise: {shape: uniform, mean: 1, std: 1}}}", "std: the key is not known here"),
     ("{time_constant_s: {nominal_plus_noise: {shape: half_normal, mean: 1.7e308}}}", "too large to compute with"),
+    (
+        "{time_constant_s: {uniform: {min: 2, max: 2}}}",
+        "24:71: validation.distributions.time_constant_s.uniform.max: 2 is not",
+    ),
+    ("{time_constant_s: {uniform: {min: 2}}}", "distributions.time_constant_s.uniform.max: the key is missing"),
+    ("{time_constant_s: {triangular: {min: 1, mode: 3, max: 2}}}", "triangular.mode: 3 does not lie between min and"),
+    ("{time_constant_s: triangular}", "triangular needs its numbers; write a mapping such as {triangular: {min: 1.6"),
+    ("{time_constant_s: {lognormal: {mean: 0, std: 1}}}", "lognormal.mean: 0 is out of range; it must be greater"),
     ("uniform", "24:29: validation.distributions: 'uniform' is written where a mapping belongs"),
 ]
 
@@ -241,7 +250,13 @@ def test_every_distribution_that_the_template_shows_can_be_used() -> None:
         found = parse_spec(text[: text.index("validation:")] + section).validation
         assert found is not None
         read.append(found.distributions[TAU])
-    assert read == [TruncatedNormal(2.25, 0.4), Beta(2.0, 3.0), Normal(2.25, 0.4), FoldedNoise(0.85)]
+    assert read == [
+        TruncatedNormal(2.25, 0.4),
+        Beta(2.0, 3.0),
+        Triangular(1.6, 2.0, 3.1),
+        Normal(2.25, 0.4),
+        FoldedNoise(0.85),
+    ]
 
 
 # -- what is drawn ----------------------------------------------------------------------------------------------------

@@ -28,7 +28,8 @@ from fopi_tune.report.text.percentages import interval_phrase, share_phrase
 from fopi_tune.spec.model import Relation
 
 if TYPE_CHECKING:
-    from fopi_tune.core.distributions import Words
+    from fopi_tune.core.distributions.distribution import Words
+    from fopi_tune.montecarlo.joint import JointYield
     from fopi_tune.montecarlo.montecarlo import Evidence
     from fopi_tune.montecarlo.outcomes import OutcomeStatistics
     from fopi_tune.montecarlo.statistics import Fraction
@@ -58,6 +59,8 @@ def evidence_text(result: Validated) -> Text:
     if evidence.members:
         lines += entry("plants", members_phrase(evidence.members))
     lines += _header(evidence.validation)
+    for joint in (evidence.joint, *evidence.scenarios):
+        lines += _joint_rows(evidence, joint)
     lines += _row("stable loop", evidence.stable)
     lines += wrapped(
         _missed_phrase(evidence, evidence.stable, evidence.unstable_inside), QUIET, indent=" " * (FIRST_COLUMN + 2)
@@ -86,8 +89,10 @@ def system_evidence_text(result: ValidatedSystem) -> Text:
     lines += gains_lines(result.gains)
     lines += _sampling_lines(evidence, "pairs of plants")
     lines += _header(evidence.validation)
+    lines += _joint_rows(evidence, evidence.joint)
     for each in evidence.scenarios:
         lines.append((each.scenario, "bold"))
+        lines += _joint_rows(evidence, each.joint)
         lines += _row("output stays finite", each.finite)
         lines += _row("modes do not chatter", each.calm)
         for judged in each.limits:
@@ -115,6 +120,8 @@ def _sampling_lines(evidence: Evidence | SystemEvidence, what: str) -> Iterator[
     yield from entry("drawn", words)
     for name, distribution in drawn.distributions.items():
         yield from entry("", f"{name}: {_distribution_phrase(distribution.words())}")
+    for each in drawn.correlations:
+        yield from entry("", f"{each.numbers[0]} and {each.numbers[1]}: correlation {number(each.coefficient)}")
     yield "", ""
 
 
@@ -133,6 +140,15 @@ def _missed_phrase(evidence: Evidence | SystemEvidence, found: Fraction, inside:
     if not evidence.outside or not missed:
         return ""
     return f"{missed} miss, {f'{inside} of them' if inside else 'none'} in the family"
+
+
+def _joint_rows(evidence: Evidence | SystemEvidence, joint: JointYield) -> Iterator[Line]:
+    """How many plants met everything at once, and the first of those that did not."""
+    yield from _row("all at once" + ("" if joint.scenario is None else f", {joint.scenario}"), joint.fraction)
+    first = ", ".join(str(index) for index in joint.first_missed)
+    missed = _missed_phrase(evidence, joint.fraction, joint.missed_inside)
+    words = "; ".join(filter(None, (f"the first to miss: {first}" if first else "", missed)))
+    yield from wrapped(words, QUIET, indent=" " * (FIRST_COLUMN + 2))
 
 
 def _header(drawn: ValidationSpec) -> list[Line]:

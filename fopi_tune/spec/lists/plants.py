@@ -117,6 +117,7 @@ def refuse_for_lists(values: Values, measured: Sequence[object], place: Place) -
         )
     validation = place.child("validation") if place.has("validation") else None
     for key, advice in (
+        ("correlations", "the numbers of a list are drawn independently"),
         ("distributions", "each is drawn uniformly over its ranges, the plants as often as `weight:` says"),
         ("samples_file", "write samples: and seed:"),
     ):

@@ -56,7 +56,8 @@ validation:
   # distributions:            # of the uncertain numbers, uniform on their ranges when left out; one of:
   #   {uncertain_name}: {{truncated_normal: {{mean: 2.25, std: 0.4}}}}                   # without what lies outside
   #   {uncertain_name}: {{beta: {{a: 2, b: 3}}}}                                         # on the range
-  #   {uncertain_name}: {{normal: {{mean: 2.25, std: 0.4}}}}                             # may leave the range
+  #   {uncertain_name}: {{triangular: {{min: 1.6, mode: 2.0, max: 3.1}}}}                # may leave the range
+  #   {uncertain_name}: {{normal: {{mean: 2.25, std: 0.4}}}}                             # may; or lognormal
   #   {uncertain_name}: {{nominal_plus_noise: {{shape: half_normal, mean: 0.85}}}}       # may; or normal, uniform
   # samples_file: draws.csv   # instead: a CSV file beside this one, a header of uncertain numbers, a plant a row
 """

@@ -1,0 +1,1 @@
+"""Distributions of uncertain numbers, and correlations between them."""

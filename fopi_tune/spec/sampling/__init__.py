@@ -1,0 +1,1 @@
+"""How plants are drawn: distributions of uncertain numbers, and correlations between them."""
