@@ -140,10 +140,10 @@ class Loops:
             DomainError: all gains are 0: there is no loop.
         """
         found = self._log_terms
-        return found if self._filter_in_s is None else found + self._filter_in_s.log(len(self))
+        return found if self.filter_of_nu is None else found + self.filter_of_nu.log(len(self))
 
     @property
-    def _filter_in_s(self) -> MeasurementFilter | None:
+    def filter_of_nu(self) -> MeasurementFilter | None:
         """F as a function of j e^u."""
         return self.measurement_filter
 

@@ -179,7 +179,7 @@ class SampledLoops(Loops):
         return 1.0 / (2.0 * np.cosh(cut) * np.arctan(np.exp(cut)))
 
     @property
-    def _filter_in_s(self) -> MeasurementFilter | None:
+    def filter_of_nu(self) -> MeasurementFilter | None:
         """F as a function of w = j nu, (1) of `measurement_filter`."""
         filtered = self.measurement_filter
         return None if filtered is None else filtered.slower(2.0 / self.sections.sample_time_s)
@@ -187,10 +187,10 @@ class SampledLoops(Loops):
     @property
     def _filter_polynomials(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Of F in delta, with w = delta/(2 + delta)."""
-        if self._filter_in_s is None:
+        if self.filter_of_nu is None:
             return (1.0,), (1.0,)
-        a = self._filter_in_s.time_constant_s
-        if self._filter_in_s.order == 1:
+        a = self.filter_of_nu.time_constant_s
+        if self.filter_of_nu.order == 1:
             return (1.0, 2.0), (1.0 + a, 2.0)
         return (1.0, 4.0, 4.0), (1.0 + a + 0.5 * a * a, 4.0 + 2.0 * a, 4.0)
 
@@ -212,19 +212,19 @@ class SampledLoops(Loops):
             np.concatenate([np.broadcast_to(poles, (rows, len(poles))), plants.poles], axis=1),
             plants.late,
         )
-        return found if self._filter_in_s is None else found + self._filter_in_s.log(rows)
+        return found if self.filter_of_nu is None else found + self.filter_of_nu.log(rows)
 
     def controller_at(self, u: Array) -> Complex:
         """C with its measurement filter at nu = e^u, shape (n,)."""
         terms = self.sections.at(shifted(u))
-        return terms if self._filter_in_s is None else terms * self._filter_in_s(1j * np.exp(u))
+        return terms if self.filter_of_nu is None else terms * self.filter_of_nu(1j * np.exp(u))
 
     def controller_at_real(self, delta: float) -> float:
         """C with its measurement filter at z = 1 + delta, dimensionless and greater than 1."""
         terms = float(self.sections.at(np.array([delta + 0j])).real[0])
-        if self._filter_in_s is None:
+        if self.filter_of_nu is None:
             return terms
-        return terms * float(self._filter_in_s(complex(delta / (2.0 + delta))).real)
+        return terms * float(self.filter_of_nu(complex(delta / (2.0 + delta))).real)
 
     def response(self, rows: Rows, omega: Array) -> Complex:
         """L(e^{j omega Ts}); rows and omega of shape (n,)."""

@@ -9,13 +9,13 @@ statistics over sampled plants, not for a proof.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fopi_tune.core.bode_form import Array, Complex, Rows
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.crossings import Crossings, negative_ends
 from fopi_tune.core.peaks import Response, Tilt
 from fopi_tune.core.sampled_loops import SampledLoops
@@ -25,17 +25,25 @@ from fopi_tune.quantities.base import NEPER_PER_DB, EvaluatedAt, QuantityAtCross
 from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.model import Requirement
 
+if TYPE_CHECKING:
+    from fopi_tune.montecarlo.scan_kernel import Grid, Scanned
+
 #: grid points, and the least number per sample of delay
 _POINTS, _POINTS_A_DELAY = 400, 16
 #: widths in u of the coarse ends of the grid, below the lowest and above the highest corner, and their points
 _SPARSE_BELOW, _SPARSE_ABOVE, _TAIL = 6.0, 12.0, 12
-_NEWTON, _BRACKETS = 12, 24
+_NEWTON = 12
 #: points on each side of a narrow resonance or anti-resonance, from a fraction of its half-width to the grid's spacing
 _BESIDE, _NEAREST = 16, 0.1
-#: local peaks of the grid that are refined
-_PEAKS = 3
 _ROUNDING = 4e-15
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+#: by their numbers in `scan_kernel`
+_RESPONSES = (
+    Response.SENSITIVITY,
+    Response.COMPLEMENTARY_SENSITIVITY,
+    Response.CONTROL_SENSITIVITY,
+    Response.LOAD_SENSITIVITY,
+    Response.LOOP_GAIN,
+)
 
 
 @dataclass(frozen=True)
@@ -87,58 +95,58 @@ class MarginScan:
         return np.concatenate([tails[0][:-1], np.linspace(first, last, points), tails[1][1:]])
 
     @cached_property
-    def log_gain(self) -> Complex:
-        """ln L on the grid, unwrapped, shape (m, n)."""
-        m, n = self.u.shape
-        rows, u = np.repeat(np.arange(m), n), self.u.ravel()
-        with np.errstate(all="ignore"):
-            controller: Complex = self._log_controller(self.u)
-            plant: Complex = np.log(self.loops.plants.at(rows, u)).reshape(m, n)
-        log = controller + plant
-        phase = np.unwrap(log.imag, axis=1)
-        start = self.loops.log.value(np.arange(m), self.u[:, 0]).imag
-        turns = np.round((start - phase[:, 0]) / (2.0 * np.pi))
-        return log.real + 1j * (phase + 2.0 * np.pi * turns[:, None])
+    def grid(self) -> Grid:
+        """L on the grid."""
+        from fopi_tune.montecarlo.scan_kernel import grid_of
+
+        shared = not self._narrow.size
+        u = np.ascontiguousarray(self.u[:1] if shared else self.u)
+        rows = np.zeros(len(self.loops), dtype=np.int64) if shared else np.arange(len(self.loops))
+        return grid_of(self._scanned, u, rows)
+
+    @cached_property
+    def _scanned(self) -> Scanned:
+        """The loops, for compiled functions."""
+        from fopi_tune.montecarlo.scan_kernel import Scanned
+
+        filtered = self.loops.filter_of_nu
+        bottom = np.array([(1.0,) if filtered is None else filtered.coefficients], dtype=float)
+        plants = (np.ascontiguousarray(side, dtype=float) for side in self.loops.plants.polynomials)
+        return Scanned(self.loops.direct, bottom, *plants, 0.5 * self.loops.sections.sample_time_s)
 
     @cached_property
     def gain_crossings(self) -> Crossings:
         """|L| = 1, sorted by row and frequency."""
-        return self._crossings(self.log_gain.real, np.real, 0.0)
+        return self._crossings(of_phase=False)
 
     @cached_property
     def phase_crossings(self) -> Crossings:
         """arg L = -180 deg (mod 360), the limits at both ends of the frequency axis included."""
-        turns = (self.log_gain.imag + np.pi) / (2.0 * np.pi)
-        found = self._crossings(turns - np.floor(turns[:, :1]), np.imag, 2.0 * np.pi)
-        parts = (found, *negative_ends(self.loops))
+        parts = (self._crossings(of_phase=True), *negative_ends(self.loops))
         columns = [np.concatenate([getattr(part, name) for part in parts]) for name in Crossings.__dataclass_fields__]
         order = np.lexsort((columns[1], columns[0]))
         return Crossings(*(column[order] for column in columns))
 
-    def _crossings(self, values: Array, part: Callable[[Complex], Array], period: float) -> Crossings:
-        """Refined crossings: where `values` change sign (with a period: whole part) between neighbouring points."""
-        level = np.floor(values) if period else (values > 0.0).astype(float)
-        row, k = np.nonzero(np.isfinite(values[:, 1:] + values[:, :-1]) & (level[:, 1:] != level[:, :-1]))
+    def _crossings(self, of_phase: bool) -> Crossings:
+        """Refined crossings, of a phase or of a gain, between neighbouring points of the grid."""
+        from fopi_tune.montecarlo.scan_kernel import crossings_of
+
+        row, k, rising = crossings_of(self.grid, of_phase)
         low, high = self.u[row, k], self.u[row, k + 1]
-        # the level that is crossed: the multiple of the period nearest to the mean of the two values
-        ends = part(self.log_gain[row, k]), part(self.log_gain[row, k + 1])
-        offset = np.pi if period else 0.0
-        line = (
-            period * np.round((0.5 * (ends[0] + ends[1]) + offset) / period) - offset if period else np.zeros(len(row))
-        )
-        rising = ends[1] > ends[0]
         u = 0.5 * (low + high)
+        value, slope = self.loops.log_response_and_slope(row, u)
+        # the phase that is crossed: the odd multiple of pi nearest to that between the two points
+        line = 2.0 * np.pi * np.round((value.imag + np.pi) / (2.0 * np.pi)) - np.pi if of_phase else np.zeros(len(row))
         for _ in range(_NEWTON):
-            value, slope = self.loops.log_response_and_slope(row, u)
-            distance = part(value) - line
+            distance, steepness = (value.imag - line, slope.imag) if of_phase else (value.real, slope.real)
             right = (distance >= 0.0) == rising
             high, low = np.where(right, u, high), np.where(right, low, u)
             with np.errstate(divide="ignore", invalid="ignore"):
-                step = u - distance / part(slope)
+                step = u - distance / steepness
             # the root may be an end of the bracket itself
             room = _ROUNDING * np.maximum(1.0, np.abs(u))
             u = np.where((step >= low - room) & (step <= high + room), step, 0.5 * (low + high))
-        value, slope = self.loops.log_response_and_slope(row, u)
+            value, slope = self.loops.log_response_and_slope(row, u)
         slope_rad = slope.imag / self.loops.stretch(u)
         return Crossings(row, u, self.loops.omega_of(u), np.exp(value.real), value.imag, slope_rad)
 
@@ -170,93 +178,11 @@ class MarginScan:
         self, response: Response, from_rad_s: float, to_rad_s: float, largest: bool, tilt: Tilt | None = None
     ) -> Array:
         """ln of the largest (or smallest) value of a response over a band, shape (m,)."""
+        from fopi_tune.montecarlo.scan_kernel import extremes_of
+
         ends = float(self._shared[0]), float(self._shared[-1])
         first = float(self.loops.u_of(np.array(from_rad_s))) if from_rad_s > 0.0 else ends[0]
         last = float(self.loops.u_of(np.array(to_rad_s))) if to_rad_s < self.loops.highest_rad_s else ends[1]
-        rows = np.arange(len(self.loops))
-        # the grid's own values between the ends, which are computed; a point outside is worth nothing
-        inside = np.pad((self.u > first) & (self.u < last), ((0, 0), (1, 1)), constant_values=True)
-        u = np.clip(np.pad(self.u, ((0, 0), (1, 1)), constant_values=((0.0, 0.0), (first, last))), first, last)
-        log = np.concatenate([self._at(rows, first), self.log_gain, self._at(rows, last)], axis=1)
         sign = 1.0 if largest else -1.0
-        values = sign * _response(log, self._own_factor(u, response), response)
-        values = values - sign * self._tilted(u, tilt)
-        values = np.where(np.isnan(values) | ~inside, -np.inf, values)
-        best = values.max(axis=1)
-        for k in _highest(values):
-            low, high = u[rows, np.maximum(k - 1, 0)], u[rows, np.minimum(k + 1, u.shape[1] - 1)]
-            best = np.maximum(best, self._polished(rows, low, high, response, sign, tilt))
-        return sign * best
-
-    def _tilted(self, u: Array, tilt: Tilt | None) -> Array | float:
-        """What a tilt takes from the ln of a response."""
-        return 0.0 if tilt is None else tilt.log(self.loops.omega_of(u))
-
-    def _own_factor(self, u: Array, response: Response) -> Complex:
-        """What a response has beside S on a grid of shape (m, n):  ln P of |P S|, else ln C."""
-        if response is not Response.LOAD_SENSITIVITY:
-            return self._log_controller(u)
-        rows = np.repeat(np.arange(len(u)), u.shape[1])
-        with np.errstate(all="ignore"):
-            return np.asarray(np.log(self.loops.plants.at(rows, u.ravel())).reshape(u.shape), dtype=complex)
-
-    def _log_controller(self, u: Array) -> Complex:
-        """ln C on a grid of shape (m, n)."""
-        if not self._narrow.size:  # all rows are the same
-            return np.asarray(np.log(self.loops.controller_at(u[0]))[None, :], dtype=complex)
-        return np.asarray(np.log(self.loops.controller_at(u.ravel())).reshape(u.shape), dtype=complex)
-
-    def _at(self, rows: Rows, u: float) -> Complex:
-        return self.loops.log_response(rows, np.full(len(rows), u))[:, None]
-
-    def _polished(
-        self, rows: Rows, low: Array, high: Array, response: Response, sign: float, tilt: Tilt | None
-    ) -> Array:
-        """The maxima within brackets, by golden-section search."""
-
-        def value(u: Array) -> Array:
-            controller: Complex = np.log(self.loops.controller_at(u))
-            with np.errstate(all="ignore"):
-                plant: Complex = np.log(self.loops.plants.at(rows, u))
-            own = plant if response is Response.LOAD_SENSITIVITY else controller
-            return sign * (_response(controller + plant, own, response) - self._tilted(u, tilt))
-
-        a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        at_a, at_b = value(a), value(b)
-        for _ in range(_BRACKETS):
-            left = at_a > at_b
-            low, high = np.where(left, low, a), np.where(left, b, high)
-            new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
-            at_new = value(new)
-            a, b = np.where(left, new, b), np.where(left, a, new)
-            at_a, at_b = np.where(left, at_new, at_b), np.where(left, at_a, at_new)
-        return np.maximum(at_a, at_b)
-
-
-def _highest(values: Array) -> list[Rows]:
-    """Columns of each row's highest local maxima; where a row has fewer, its highest is repeated."""
-    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=-np.inf)
-    peak = (values >= padded[:, :-2]) & (values >= padded[:, 2:])
-    heights = np.where(peak, values, -np.inf)
-    top = np.argmax(values, axis=1)
-    found = []
-    for _ in range(_PEAKS):
-        k = np.argmax(heights, axis=1)
-        there = heights[np.arange(len(values)), k] > -np.inf
-        found.append(np.where(there, k, top))
-        heights[np.arange(len(values)), k] = -np.inf
-    return found
-
-
-def _response(log: Complex, own: Complex, response: Response) -> Array:
-    """ln of |S|, |T|, |C S|, |P S| or |L| from ln L and ln C, or ln P of |P S|."""
-    if response is Response.LOOP_GAIN:
-        return log.real
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        large = log.real > 0.0
-        # ln|1 + L|, by 1/L where that is the smaller
-        small: Complex = np.exp(np.where(large, -log, log))
-        difference = np.where(large, log.real, 0.0) + np.log(np.abs(1.0 + small))
-    if response is Response.SENSITIVITY:
-        return -difference
-    return log.real - difference if response is Response.COMPLEMENTARY_SENSITIVITY else own.real - difference
+        tilted = (0.0, 0.0) if tilt is None else (float(tilt.power), float(np.log(tilt.omega_rad_s)))
+        return sign * extremes_of(self._scanned, self.grid, first, last, _RESPONSES.index(response), sign, tilted)
