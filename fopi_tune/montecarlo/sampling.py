@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.errors import DomainError
@@ -144,6 +143,8 @@ def _feistel(place: NDArray[np.int64], tables: NDArray[np.int64]) -> NDArray[np.
 
 
 def _sobol(seed: int, columns: int, first: int, count: int) -> Array:
+    from scipy.stats import qmc  # a second and 40 MB, which other designs need not have
+
     generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
     # `seed` became `rng` in SciPy 1.15, which knows both; its fast_forward needs bits <= 32
     options: dict[str, Any] = {"bits": _SOBOL_BITS, "seed": generator}
