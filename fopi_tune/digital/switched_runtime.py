@@ -101,8 +101,12 @@ class SwitchedRuntime:
     def lines(self) -> SwitchingLines:
         """Where the modes take turns, rounded to the precision."""
         exact = SwitchingLines.of(self.switching.hysteresis)
-        every = (exact.up, exact.down, exact.coast_above, exact.coast_below)
-        return SwitchingLines(*(line and Threshold(self._rounded(line.value), line.is_absolute) for line in every))
+
+        def rounded(line: Threshold) -> Threshold:
+            return Threshold(self._rounded(line.value), line.is_absolute)
+
+        rests = [line and rounded(line) for line in (exact.coast_above, exact.coast_below)]
+        return SwitchingLines(rounded(exact.up), rounded(exact.down), rests[0], rests[1])
 
     def _rounded(self, value: float) -> float:
         with np.errstate(over="ignore"):

@@ -79,6 +79,7 @@ def store_maximum(s, row, value):
 
 @_inlined
 def store_where(s, row, some, value):
+    """Store a value in some lanes."""
     store(s, row, where(some, value, load(s, row)))
 
 

@@ -131,7 +131,7 @@ class _ReferenceLoop:
             return
         if not math.isfinite(reference - measured):
             return
-        output = 0.0 if self.coasting else float(self.memory[self.mode].output)
+        output = np.float64(0.0 if self.coasting else self.memory[self.mode].output)
         self.last_switch, self.coasting = k, entered < 0
         if not self.coasting:
             self.mode = entered
