@@ -75,8 +75,8 @@ def export_system_c(export: SystemExport) -> dict[str, str]:
         export: the controllers, how they take turns, and what the headers say.
 
     Raises:
-        DomainError: an invalid name, empty limits, a controller that is unusable after rounding, or a half-width that a
-            precision does not hold.
+        DomainError: an invalid name, empty limits, a controller that is unusable after rounding, or a half-width or
+            lines that a precision does not hold.
     """
     identifier = identifier_of(export.name)
     files: dict[str, str] = {}
@@ -113,11 +113,31 @@ def _values(export: SystemExport, pair: SwitchedRuntime, prefix: str, codes: lis
         "measurement_unit": sanitized(export.modes[0].units.measurement) or "unit not given",
         "modes": [_mode(export, index, code) for index, code in enumerate(codes)],
         "first": 1 + export.switching.first,
-        "half_width": (literal(pair.half_width, kind["literal"]), repr(pair.half_width)),
+        **_turns(pair, kind["literal"]),
         "dwell": export.switching.min_dwell_samples,
         "dwell_text": _dwell(export),
         "memory": export.switching.memory.value,
         "memory_text": _MEMORY[export.switching.memory],
+    }
+
+
+def _turns(pair: SwitchedRuntime, suffix: str) -> dict[str, Any]:
+    """The half-width of the hysteresis, or each line with its number, as an expression and in words."""
+    lines = pair.lines
+    if lines.half_width is not None:
+        return {"half_width": (literal(lines.half_width, suffix), repr(lines.half_width))}
+    named = {"to_2": lines.up, "to_1": lines.down, "rest_from_1": lines.coast_above, "rest_from_2": lines.coast_below}
+    return {
+        "lines": {
+            name: {
+                "value": literal(line.value, suffix),
+                "told": repr(line.value),
+                "at": f"line_{name}" if line.is_absolute else f"setpoint + line_{name}",
+                "words": repr(line.value) if line.is_absolute else f"setpoint + {line.value!r}",
+            }
+            for name, line in named.items()
+            if line is not None
+        }
     }
 
 

@@ -4,12 +4,14 @@ Mode 0 raises the output and mode 1 lowers it.  At a sample, with the half-width
 
     mode 0 -> 1 when measurement >= setpoint + eps,      1 -> 0 when measurement <= setpoint - eps,                  (1)
 
-if the active mode was entered by a change at least `min_dwell_samples` samples ago; the first one may be left at once.
-Then the active controller steps as in `runtime`.  The other one's memory is held, tracks the active one's output within
-its own limits, or starts anew, at an output of 0, when its mode is entered.
+or at other lines, which may leave a band in which both outputs rest (`core.switching_lines`), if the active mode, or
+the band, was entered by a change at least `min_dwell_samples` samples ago; the first mode may be left at once.  Then
+the active controller steps as in `runtime`.  The other one's memory is held, tracks the active one's output within its
+own limits, or starts anew, at an output of 0, when its mode is entered.  In the band the output is 0, and the memories
+of both do so.
 
 The actuator is one: where the rate of the entered mode's output is limited, its first output is reached from the last
-output of the other mode, cut to its own limits.  A controller that tracked has tracked just that.
+output of the other mode, or of the band, cut to its own limits.  A controller that tracked has tracked just that.
 
 At a sample whose setpoint - measurement is not finite the mode is held, and both controllers hold too.  The time of the
 dwell goes on.
@@ -26,11 +28,15 @@ from enum import StrEnum
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.switching_lines import SwitchingLines, Threshold
 from fopi_tune.digital import runtime
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
 from fopi_tune.digital.vectors import Op, Operation
 from fopi_tune.errors import DomainError
+
+#: the mode of the band in which both outputs rest
+COASTING = -1
 
 
 class Memory(StrEnum):
@@ -46,13 +52,13 @@ class Switching:
     """How two controllers take turns.
 
     Args:
-        hysteresis: eps, half-width around the setpoint, in the measurement's unit.
+        hysteresis: eps, half-width around the setpoint, in the measurement's unit; or other lines.
         memory: of the inactive controller.
         min_dwell_samples: from one change of the mode to the next at least; 0 and 1 are any.
         first: the mode to start in, 0 or 1.
     """
 
-    hysteresis: float
+    hysteresis: float | SwitchingLines
     memory: Memory = Memory.HELD
     min_dwell_samples: int = 0
     first: int = 0
@@ -67,8 +73,8 @@ class SwitchedRuntime:
         switching: how they take turns.
 
     Raises:
-        DomainError: a half-width that the precision does not hold, a dwell below 0, no such first mode, or a controller
-            of more than the control error.
+        DomainError: a half-width or lines that the precision does not hold, limits without 0 where the modes coast, a
+            dwell below 0, no such first mode, or a controller of more than the control error.
     """
 
     controllers: tuple[Runtime, Runtime]
@@ -76,8 +82,11 @@ class SwitchedRuntime:
 
     def __post_init__(self) -> None:
         wanted = self.switching
-        if not 0.0 <= self.half_width < np.inf:
-            raise DomainError(f"hysteresis {wanted.hysteresis!r} must be a number of {self.precision.value} and >= 0")
+        eps = wanted.hysteresis
+        if not isinstance(eps, SwitchingLines) and not 0.0 <= self._rounded(eps) < np.inf:
+            raise DomainError(f"hysteresis {eps!r} must be a number of {self.precision.value} and >= 0")
+        if self.lines.coasts and not all(low <= 0.0 <= high for low, high in (c.limits for c in self.controllers)):
+            raise DomainError("modes that coast rest at an output of 0, which must lie within the limits of both")
         if wanted.min_dwell_samples < 0 or wanted.first not in (0, 1):
             raise DomainError(f"{wanted}: the dwell must be at least 0 and the first mode 0 or 1")
         if not all(controller.acts_on_error for controller in self.controllers):
@@ -89,10 +98,19 @@ class SwitchedRuntime:
         return self.controllers[0].precision
 
     @property
-    def half_width(self) -> float:
-        """eps, rounded to the precision."""
+    def lines(self) -> SwitchingLines:
+        """Where the modes take turns, rounded to the precision."""
+        exact = SwitchingLines.of(self.switching.hysteresis)
+
+        def rounded(line: Threshold) -> Threshold:
+            return Threshold(self._rounded(line.value), line.is_absolute)
+
+        rests = [line and rounded(line) for line in (exact.coast_above, exact.coast_below)]
+        return SwitchingLines(rounded(exact.up), rounded(exact.down), rests[0], rests[1])
+
+    def _rounded(self, value: float) -> float:
         with np.errstate(over="ignore"):
-            return float(self.precision.dtype(self.switching.hysteresis))
+            return float(self.precision.dtype(value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +118,7 @@ class SwitchedState:
     """What the pair remembers.
 
     Args:
-        mode: the active one, 0 or 1.
+        mode: the active one, 0 or 1, or `COASTING`.
         stayed: samples since it was entered, at most the minimum dwell.
         controllers: states of both controllers.
     """
@@ -112,6 +130,9 @@ class SwitchedState:
     @property
     def output(self) -> np.floating:
         """The last output."""
+        if self.mode == COASTING:
+            # of the precision: a rate that is limited goes on from it
+            return self.controllers[0].output.dtype.type(0.0)
         return self.controllers[self.mode].output
 
 
@@ -137,31 +158,48 @@ def step(pair: SwitchedRuntime, state: SwitchedState, setpoint: float, measureme
     switching, controllers = pair.switching, pair.controllers
     mode, stayed = state.mode, min(state.stayed + 1, switching.min_dwell_samples)
     memories = list(state.controllers)
-    if stayed >= switching.min_dwell_samples and _is_crossed(pair, mode, setpoint, measurement):
-        mode, stayed = 1 - mode, 0
-        if switching.memory is Memory.RESET:
+    wanted = _next_mode(pair, mode, setpoint, measurement)
+    if stayed >= switching.min_dwell_samples and wanted != mode:
+        mode, stayed = wanted, 0
+        if mode != COASTING and switching.memory is Memory.RESET:
             memories[mode] = runtime.init(controllers[mode])
-        if controllers[mode].limits_rate and switching.memory is not Memory.TRACKING:
+        if mode != COASTING and controllers[mode].limits_rate and switching.memory is not Memory.TRACKING:
             memories[mode] = runtime.follow_from(controllers[mode], memories[mode], state.output)
-    memories[mode] = runtime.step(controllers[mode], memories[mode], setpoint, measurement)
+    applied = 0.0
+    if mode != COASTING:
+        memories[mode] = runtime.step(controllers[mode], memories[mode], setpoint, measurement)
+        applied = float(memories[mode].output)
     if switching.memory is Memory.TRACKING:
-        idle, applied = 1 - mode, float(memories[mode].output)
-        memories[idle] = runtime.track(controllers[idle], memories[idle], setpoint, measurement, applied)
+        for idle in {0, 1} - {mode}:
+            memories[idle] = runtime.track(controllers[idle], memories[idle], setpoint, measurement, applied)
     return replace(state, mode=mode, stayed=stayed, controllers=(memories[0], memories[1]))
 
 
 @np.errstate(all="ignore")
-def _is_crossed(pair: SwitchedRuntime, mode: int, setpoint: float, measurement: float) -> bool:
-    """(1), in the precision."""
-    dtype = pair.precision.dtype
-    r, y, eps = dtype(setpoint), dtype(measurement), dtype(pair.half_width)
+def _next_mode(pair: SwitchedRuntime, mode: int, setpoint: float, measurement: float) -> int:
+    """The mode, or `COASTING`, that the lines ask for, in the precision."""
+    r, y = (pair.precision.dtype(each) for each in (setpoint, measurement))
+
+    def level(line: Threshold) -> np.floating:
+        value = pair.precision.dtype(line.value)
+        return value if line.is_absolute else r + value
+
+    lines = pair.lines
     if not np.isfinite(r - y):
-        return False
-    return bool(y >= r + eps) if mode == 0 else bool(y <= r - eps)
+        return mode
+    if mode != 1 and y >= level(lines.up):
+        return 1
+    if mode != 0 and y <= level(lines.down):
+        return 0
+    if mode == 0 and lines.coast_above and y >= level(lines.coast_above):
+        return COASTING
+    if mode == 1 and lines.coast_below and y <= level(lines.coast_below):
+        return COASTING
+    return mode
 
 
 def replay(pair: SwitchedRuntime, operations: Iterable[Operation]) -> tuple[Array, np.ndarray]:
-    """The output and the mode (0 or 1) after each operation, from a fresh `init`; shape (n,) each.
+    """The output and the mode (0 or 1, or `COASTING`) after each operation, from a fresh `init`; shape (n,) each.
 
     Args:
         pair: both controllers.

@@ -8,10 +8,11 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Sequence
 
+from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.digital.switched_runtime import SwitchedRuntime, replay
 from fopi_tune.digital.vectors import EXTREME, NOT_FINITE, Op, Operation, in_float32, signal_size, steps
 
-#: first line of the table; a mode is 1 or 2
+#: first line of the table; a mode is 1 or 2, or 0 where both outputs rest
 COLUMNS = "op,setpoint,measurement,start_at,expected_f64,expected_f32,mode_f64,mode_f32"
 _SEED = 21
 
@@ -45,7 +46,8 @@ def system_operations(pair: SwitchedRuntime, seed: int = _SEED, mixed: int = 120
     draw = random.Random(seed)
     sizes = [signal_size(controller) for controller in pair.controllers]
     # signals that cross the lines, and signals that move the outputs
-    widths = [pair.half_width or 0.1 * min(sizes), *sizes]
+    eps = pair.lines.half_width
+    widths = [(_width(pair.lines) if eps is None else eps) or 0.1 * min(sizes), *sizes]
 
     def noise(scale: float) -> float:
         return scale * draw.uniform(-1.0, 1.0)
@@ -70,8 +72,32 @@ def system_operations(pair: SwitchedRuntime, seed: int = _SEED, mixed: int = 120
         rows += [Operation(Op.STEP, first, second) for second in (0.0, first, -first)]
         rows += [Operation(Op.RESET, output=first), *steps(5, lambda k: widths[0], lambda k: noise(widths[0]))]
     rows += _at_rest(pair, widths[0])
+    if eps is None:
+        rows += _around_lines(draw, pair.lines, widths)
     rows += [_random_operation(draw, widths) for _ in range(mixed)]
     return tuple(in_float32(row) for row in rows)
+
+
+def _width(lines: SwitchingLines) -> float:
+    """The distance between the lines of the two modes, or the largest of their numbers where they are of two kinds."""
+    up, down = lines.up, lines.down
+    apart = up.value - down.value
+    return abs(apart) if up.is_absolute == down.is_absolute else max(abs(up.value), abs(down.value))
+
+
+def _around_lines(draw: random.Random, lines: SwitchingLines, widths: Sequence[float]) -> Iterable[Operation]:
+    """Measurements on each line, just beside it, and wandering between all of them, at several setpoints."""
+    every = [each for each in (lines.up, lines.down, lines.coast_above, lines.coast_below) if each is not None]
+    # near absolute lines too, where relative ones change sides with them
+    setpoints = [0.0, *widths, *(line.value + draw.uniform(-2.0, 2.0) * widths[0] for line in every)]
+    rows: list[Operation] = []
+    for setpoint in setpoints:
+        for _ in range(30):
+            level = draw.choice(every).level(setpoint)
+            beside = draw.choice((0.0, 0.0, 1e-6, -1e-6, 0.3, -0.3)) * widths[0]
+            rows.append(Operation(Op.STEP, setpoint, level + beside))
+            rows += [Operation(Op.STEP, setpoint, level + beside)] * draw.choice((0, 0, 3))
+    return rows
 
 
 def _at_rest(pair: SwitchedRuntime, width: float) -> Iterable[Operation]:

@@ -83,7 +83,12 @@ def _model(certificate: SystemCertificate, unit: str) -> Iterator[tuple[str, str
     """What the certificate is about."""
     model = certificate.model
     yield "sample time", f"{model.sample_time_s:g} s"
-    yield "hysteresis", f"{model.hysteresis:g}{' ' + unit if unit else ''} on both sides of the setpoint"
+    suffix, lines = f" {unit}" if unit else "", model.lines
+    if lines.half_width is not None:
+        yield "hysteresis", f"{lines.half_width:g}{suffix} on both sides of the setpoint"
+    else:
+        for word, line in lines.named(*(loop.name for loop in model.loops)).items():
+            yield word, f"{line.value:g}{suffix}{'' if line.is_absolute else ' from the setpoint'}"
     yield "inactive controller", model.memory.value
     delay = model.loops[0].delay_samples
     if delay:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi, numbers_of
+from fopi_tune.core.switching_lines import turns_entry
 from fopi_tune.results.simulation import ScenarioResult, draw_stamp
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import SystemSpec
@@ -156,7 +157,7 @@ class DiscretizedSystem:
             "status": self.status,
             "name": self.spec.name,
             "gains": {name: numbers_of(found) for name, found in self.gains.items()},
-            "hysteresis": self.spec.hysteresis,
+            **turns_entry(self.spec.lines, *(mode.name for mode in self.spec.modes)),
             "inactive": self.spec.inactive,
             "first": self.spec.first,
             "min_dwell_s": self.spec.min_dwell_s,

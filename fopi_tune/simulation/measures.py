@@ -176,7 +176,8 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
     reference, first, Ts = scenario.signals.reference, horizon.first, scenario.sample_time_s
     y, counted = traces.output[:, first:], slice(first, None)
     with np.errstate(all="ignore"):
-        limits = np.array([controller.limits for controller in controllers])[traces.mode[:, counted] - 1]
+        # where both outputs rest, mode 0, none is at a limit
+        limits = np.array([(np.nan, np.nan), *(each.limits for each in controllers)])[traces.mode[:, counted]]
         at_limit = (traces.demanded[:, counted, None] == limits).any(axis=2)[:, :-1]
         error = reference[counted] - y
         jumps = [np.flatnonzero(np.diff(row, prepend=scenario.first_mode)) for row in traces.mode]

@@ -3,7 +3,7 @@
 At sample k, in this order:
 
     y_m = quantised(y + noise_std n_k)                                                                               (1)
-    mode 1 -> 2 when y_m >= r + eps,   2 -> 1 when y_m <= r - eps                                                    (2)
+    mode 1 -> 2 when y_m >= r + eps,   2 -> 1 when y_m <= r - eps, or at other `SwitchingLines`                      (2)
     u = the controller's output for e = r - y_m, by `fopi_tune.digital.runtime`                                      (3)
     applied = the last one moved towards u by at most rate Ts; u itself where it is within reach                     (4)
 
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
@@ -154,8 +155,11 @@ class Hybrid:
     that limits its rate is then the other one's, cut likewise, or what it tracked.  A measurement whose error is not
     finite causes none.
 
+    While the modes coast, u is 0, the plant is that of the mode that was left last, and each controller's memory does
+    what `inactive` says.  A mode that is entered from there is entered as from one whose last output was 0.
+
     Args:
-        half_width: eps of the hysteresis, in the output's unit.
+        half_width: eps of the hysteresis, in the output's unit, or other lines.
         inactive: behaviour of the inactive controller.
         first: the mode at the start, 1 or 2.
         most_switches: more than these within the window is chattering.
@@ -163,7 +167,7 @@ class Hybrid:
         min_dwell_samples: from one jump to the next at least; 0 and 1 are any.  The first mode may be left at once.
     """
 
-    half_width: float
+    half_width: float | SwitchingLines
     inactive: InactiveController = InactiveController.HOLD
     first: int = 1
     most_switches: int = 5
@@ -171,14 +175,18 @@ class Hybrid:
     min_dwell_samples: int = 0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.half_width < math.inf:
-            raise DomainError(f"half_width {self.half_width!r} must be finite and >= 0")
+        SwitchingLines.of(self.half_width)
         if self.first not in (1, 2):
             raise DomainError(f"the first mode {self.first!r} must be 1 or 2")
         if not (self.most_switches >= 1 and 0.0 < self.window_s < math.inf):
             raise DomainError("chattering needs most_switches >= 1 and a window_s greater than 0")
         if not self.min_dwell_samples >= 0:
             raise DomainError(f"min_dwell_samples {self.min_dwell_samples!r} must be a whole number of at least 0")
+
+    @property
+    def lines(self) -> SwitchingLines:
+        """Where the modes take turns."""
+        return SwitchingLines.of(self.half_width)
 
 
 @dataclass(frozen=True)
@@ -306,7 +314,7 @@ class Traces:
         error: r - y_m.
         demanded: the controller's output.
         applied: the actuator's output from this sample on, undelayed.
-        mode: 1 or 2.
+        mode: 1 or 2; 0 while both outputs rest.
     """
 
     time_s: Array

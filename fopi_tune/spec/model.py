@@ -14,6 +14,7 @@ from fopi_tune.core.fractional_plants.family import is_fractional
 from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.parameter_table import SamplesFile
 from fopi_tune.core.plant import JointFamily, PlantFamily
+from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.core.terms.controller_spec import ControllerSpec as ControllerSpec
 from fopi_tune.core.terms.controller_spec import GainRange as GainRange
 from fopi_tune.errors import DomainError
@@ -270,12 +271,12 @@ class SystemSpec:
     """Two loops that share their output and take turns, as a car's throttle and brake do.
 
     From the first mode, which raises the output, to the second one when the output reaches the setpoint + hysteresis,
-    back when it falls to setpoint - hysteresis.
+    back when it falls to setpoint - hysteresis; or at other lines (`core.switching_lines`).
 
     Args:
         name: of the system and its results' folder.
         modes: the one that raises the output, then the one that lowers it, by any names.
-        hysteresis: half-width around the setpoint, output unit.
+        hysteresis: half-width around the setpoint, output unit, or other lines.
         inactive: what the controller does that is not active: held, tracking or reset.
         first: name of the mode at the start; the first of `modes` where left out.
         most_switches: more of them than this ...
@@ -295,7 +296,7 @@ class SystemSpec:
 
     name: str
     modes: tuple[ModeSpec, ModeSpec]
-    hysteresis: float
+    hysteresis: float | SwitchingLines
     inactive: str = "held"
     first: str = ""
     most_switches: int = 5
@@ -317,6 +318,11 @@ class SystemSpec:
             raise DomainError(f"min_dwell_s {self.min_dwell_s!r} must be a finite number of at least 0, in s")
         if not self.first:
             object.__setattr__(self, "first", self.modes[0].name)
+
+    @property
+    def lines(self) -> SwitchingLines:
+        """Where the modes take turns."""
+        return SwitchingLines.of(self.hysteresis)
 
     @property
     def judged_limits(self) -> tuple[Limit, ...]:

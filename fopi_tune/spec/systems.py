@@ -15,6 +15,7 @@ from fopi_tune.spec.measures import ACCELERATION, DESIGNED_MEASURES, acceleratio
 from fopi_tune.spec.model import ModeSpec, Objective, Sense, SystemSpec
 from fopi_tune.spec.modes.names import EXAMPLE, FAMILIAR, MODE_PATTERN, written_names
 from fopi_tune.spec.modes.section import SpecLoader, Unread, mode_name, modes_shape, read_mode, reserved_words
+from fopi_tune.spec.modes.turns import refuse_crossed_lines, refuse_limits_without_rest
 from fopi_tune.spec.scenarios import (
     QUANTUM,
     PlacedLimit,
@@ -122,6 +123,8 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
         if mode.gains is not None and mode.name in system.tuned:
             where = section.child(mode.name).child("gains")
             where.refuse(f"the {mode.name} is under tune: its gains are designed; remove one of the two")
+    refuse_crossed_lines(system, section)
+    refuse_limits_without_rest(system, section)
     _refuse_short_window(system, section)
     _refuse_long_dwell(system, section)
     _refuse_accelerations(system, limits)

@@ -67,7 +67,7 @@ def simulated(pair: SwitchedRuntime, samples: int, noise_std: float, wild: bool 
     # steps large enough for both limits, and a rest in which everything decays
     levels = np.repeat(np.array([18.0, 6.0, 10.0, 24.0, 3.0, 0.0]), -(-samples // 6))[:samples]
     hybrid = Hybrid(
-        pair.half_width,
+        pair.lines,
         InactiveController.of(pair.switching.memory),
         1 + pair.switching.first,
         min_dwell_samples=pair.switching.min_dwell_samples,

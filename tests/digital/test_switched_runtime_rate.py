@@ -65,7 +65,7 @@ def driven(pair: SwitchedRuntime, samples: int) -> tuple[list[Operation], np.nda
     """What a loop measured, and the compiled simulation's outputs and modes."""
     levels = np.repeat(np.array([18.0, 6.0, 10.0, 24.0, 3.0]), samples // 5)
     hybrid = Hybrid(
-        pair.half_width,
+        pair.lines,
         InactiveController.of(pair.switching.memory),
         min_dwell_samples=pair.switching.min_dwell_samples,
     )

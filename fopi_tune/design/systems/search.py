@@ -187,7 +187,7 @@ class _Search:
 def reasons_by_formula(system: SystemSpec) -> Iterator[str]:
     """Requirements on the rate that no gains meet, because a mode begins where the plant alone is too fast.
 
-    The second mode begins at the first sample where the output is at least setpoint + hysteresis.  Its control is not
+    The second mode begins at the first sample where the output is on its line or above.  Its control is not
     positive, so that the output of a lag falls by at least y/tau; from the initial output that is there at once.
     """
     lowering = system.modes[1]
@@ -209,7 +209,7 @@ def reasons_by_formula(system: SystemSpec) -> Iterator[str]:
             first = scenario.reference[0]
             setpoint = first.value if first.at_s == 0.0 and first.ramp_s == 0.0 else scenario.initial_output
             entry = scenario.initial_output
-            if entry < setpoint + system.hysteresis or entry <= 0.0 or scenario.judged_from_s > 0.0:
+            if entry < system.lines.up.level(setpoint) or entry <= 0.0 or scenario.judged_from_s > 0.0:
                 continue
             # dy/dt = -p y + K u <= -p y
             least = float(np.abs(held.rate_state[:, 0] * entry).max()) / factor

@@ -34,7 +34,14 @@ from dataclasses import dataclass
 from flint import acb_mat, arb, arb_mat, ctx
 
 from fopi_tune.digital.runtime import Runtime
-from fopi_tune.proof.switched.model import Memory, SwitchedLoop, SwitchedModel, lag_range, loop_obstacle
+from fopi_tune.proof.switched.model import (
+    COASTING_NOT_MODELLED,
+    Memory,
+    SwitchedLoop,
+    SwitchedModel,
+    lag_range,
+    loop_obstacle,
+)
 
 #: bits; and samples of (2) and (3) that are followed at most
 _PRECISION = 192
@@ -78,7 +85,7 @@ def why_not_bounded(model: SwitchedModel) -> str:
             return found
         if not loop.is_limited:
             return f"{loop.name}: without output_limits nothing bounds the output under every switching"
-    return ""
+    return COASTING_NOT_MODELLED if model.lines.coasts else ""
 
 
 def output_range(model: SwitchedModel) -> tuple[arb, arb]:

@@ -55,7 +55,7 @@ def prove_cycles(model: SwitchedModel, setpoints: tuple[float, float] | None) ->
     raising, lowering = _plants(model)
     found: list[CycleProof] = []
     for setpoint in dict.fromkeys(tried):
-        start = max(_REST * top, setpoint + 4.0 * model.hysteresis)
+        start = max(_REST * top, setpoint + 4.0 * model.half_width)
         words = _words(model, setpoint, start, raising, lowering)
         proofs = (
             _proved(model, setpoint, raising[i], lowering[i], word) for i, word in enumerate(words) if word is not None
@@ -71,7 +71,7 @@ def _largest_output(model: SwitchedModel) -> float:
     lag = loop.plant.model == "lag"
     gain = numbers["static_gain"].nominal if lag else numbers["gain"].nominal / numbers["pole_rad_s"].nominal
     found = gain * high
-    return found if math.isfinite(found) and found < 1e12 else _WITHOUT_LIMIT * model.hysteresis
+    return found if math.isfinite(found) and found < 1e12 else _WITHOUT_LIMIT * model.half_width
 
 
 def _plants(model: SwitchedModel) -> tuple[Array, Array]:

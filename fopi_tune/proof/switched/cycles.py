@@ -149,7 +149,7 @@ def _outputs(
     model: SwitchedModel, proof: CycleProof, maps: list[SampleMap], z: arb_mat, setpoint: arb
 ) -> list[arb] | None:
     """y at each sample of the period; None where an inequality is not strict."""
-    outputs, eps = [], arb(model.hysteresis)
+    outputs, eps = [], arb(model.half_width)
     stayed = _samples_before_last_switch(proof.modes)
     for k, each in enumerate(maps):
         y, v = z[0, 0], (each.demand * z)[0, 0]

@@ -12,6 +12,7 @@ from typing import Any
 
 from fopi_tune.core.parametric.family import EXPRESSIONS
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
+from fopi_tune.core.switching_lines import SwitchingLines, Threshold, turns_entry
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
@@ -47,7 +48,7 @@ def to_document(certificate: SystemCertificate) -> dict[str, Any]:
         "statements": list(certificate.statements),
         "assumptions": list(ASSUMPTIONS),
         "sample_time_s": model.sample_time_s,
-        "hysteresis": model.hysteresis,
+        **turns_entry(model.lines, *(loop.name for loop in model.loops)),
         "inactive": model.memory.value,
         **({"min_dwell_samples": model.min_dwell_samples} if model.min_dwell_samples else {}),
         **({"shared": list(model.shared)} if model.shared else {}),
@@ -79,9 +80,9 @@ def from_document(document: object) -> SystemCertificate:
     if len(modes) != 2:
         raise CertificateError(f"{top.at('modes')} must be two")
     loops, proofs = zip(*(_read_loop(entry) for entry in modes), strict=True)
-    sample_time_s, hysteresis = top.number("sample_time_s"), top.number("hysteresis")
-    if not (sample_time_s > 0.0 and hysteresis >= 0.0):
-        raise CertificateError("the sample time must be greater than 0 and the hysteresis at least 0")
+    sample_time_s, turns = top.number("sample_time_s"), _turns(top, loops)
+    if not sample_time_s > 0.0:
+        raise CertificateError("the sample time must be greater than 0")
     cycles = top.children("cycles")
     if len(cycles) > _MOST_CYCLES:
         raise CertificateError(f"{top.at('cycles')} has more than {_MOST_CYCLES} entries")
@@ -89,7 +90,7 @@ def from_document(document: object) -> SystemCertificate:
     found = SystemCertificate(
         name=top.text("name"),
         system_sha256=top.text("system_sha256"),
-        model=SwitchedModel(sample_time_s, hysteresis, memory, (loops[0], loops[1]), _dwell(top), shared),
+        model=SwitchedModel(sample_time_s, turns, memory, (loops[0], loops[1]), _dwell(top), shared),
         setpoints=None if top.get("setpoints") is None else _range(top, "setpoints"),
         loops=(proofs[0], proofs[1]),
         settling=None if top.get("settling") is None else _read_settling(top.child("settling")),
@@ -109,6 +110,30 @@ def from_document(document: object) -> SystemCertificate:
     if (different := first_difference(top.value, to_document(found), "the certificate")) is not None:
         raise CertificateError(f"{different} does not agree with the other entries")
     return found
+
+
+def _turns(top: JsonObject, loops: Sequence[SwitchedLoop]) -> float | SwitchingLines:
+    """The hysteresis, or the other lines."""
+    if "thresholds" not in top.value:
+        hysteresis = top.number("hysteresis")
+        if not hysteresis >= 0.0:
+            raise CertificateError("the hysteresis must be at least 0")
+        return hysteresis
+    entry, rest = top.child("thresholds"), Threshold(0.0)
+    words = [*SwitchingLines(rest, rest).named(*(loop.name for loop in loops)), "coast_above", "coast_below"]
+    lines = [_threshold(entry, word) if word in entry.value else None for word in words]
+    if lines[0] is None or lines[1] is None:
+        raise CertificateError(f"{top.at('thresholds')} must have {words[0]} and {words[1]}")
+    try:
+        return SwitchingLines(lines[0], lines[1], lines[2], lines[3])
+    except DomainError as error:
+        raise CertificateError(f"{top.at('thresholds')}: {error}") from None
+
+
+def _threshold(entry: JsonObject, word: str) -> Threshold:
+    if isinstance(entry.get(word), dict):
+        return Threshold(entry.child(word).number("absolute"), is_absolute=True)
+    return Threshold(entry.number(word))
 
 
 def _dwell(top: JsonObject) -> int:

@@ -46,7 +46,7 @@ def why_no_entries(model: SwitchedModel) -> str:
         model: with `obstacle == ""`.
     """
     raising, lowering = model.loops
-    if not model.hysteresis > 0.0:
+    if not model.half_width > 0.0:
         return "without hysteresis a switch may follow every sample; write a hysteresis greater than 0"
     if model.memory is Memory.HELD:
         return f"a held memory begins the {raising.name} phase with what it had: nothing bounds its overshoot"
@@ -105,7 +105,7 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
     """
     controller, dwell = model.loops[0].controller, max(1, model.min_dwell_samples)
     share, bottom = _fastest_fall(model)
-    line = setpoint - arb(model.hysteresis)
+    line = setpoint - arb(model.half_width)
     last = line if dwell == 1 else bottom + (1 - share) ** (dwell - 1) * (line - bottom)
     # y_0 = kept y_last + moved at the least
     ways = [(1 - share, share * bottom)]

@@ -38,6 +38,7 @@ from flint import arb, arb_mat
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
@@ -47,6 +48,11 @@ from fopi_tune.spec.model import SystemSpec
 
 #: a control without limits has those of a double; one like this is taken for none too
 _LARGEST_LIMIT = 1e100
+COASTING_NOT_MODELLED = "coasting is not modelled in this proof; without coast the modes alone can be proved"
+LINES_NOT_MODELLED = (
+    "lines other than those of a hysteresis around the setpoint are not modelled in this proof; write hysteresis in "
+    "their place"
+)
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ class SwitchedModel:
 
     Args:
         sample_time_s: Ts.
-        hysteresis: half-width around the setpoint, output unit.
+        hysteresis: half-width around the setpoint, output unit, or other lines, of which little is proved.
         memory: of the inactive controller.
         loops: the raising one, then the lowering one.
         min_dwell_samples: samples that a mode stays at least after it was entered; 0 and 1 are any.
@@ -100,7 +106,7 @@ class SwitchedModel:
     """
 
     sample_time_s: float
-    hysteresis: float
+    hysteresis: float | SwitchingLines
     memory: Memory
     loops: tuple[SwitchedLoop, SwitchedLoop]
     min_dwell_samples: int = 0
@@ -124,6 +130,22 @@ class SwitchedModel:
         return cls(system.sample_time_s, system.hysteresis, memory, (raising, lowering), dwell, system.shared)
 
     @property
+    def lines(self) -> SwitchingLines:
+        """Where the modes take turns."""
+        return SwitchingLines.of(self.hysteresis)
+
+    @property
+    def half_width(self) -> float:
+        """Of the hysteresis, output unit.
+
+        Raises:
+            DomainError: the lines are others.
+        """
+        if (found := self.lines.half_width) is None:
+            raise DomainError(LINES_NOT_MODELLED)
+        return found
+
+    @property
     def sizes(self) -> tuple[int, int]:
         """Numbers of sections of both controllers."""
         return len(self.loops[0].controller.poles), len(self.loops[1].controller.poles)
@@ -134,6 +156,10 @@ class SwitchedModel:
         for loop in self.loops:
             if found := loop_obstacle(loop):
                 return found
+        if self.lines.coasts:
+            return COASTING_NOT_MODELLED
+        if self.lines.half_width is None:
+            return LINES_NOT_MODELLED
         if self.loops[0].delay_samples != self.loops[1].delay_samples:
             return "the controllers have computing delays that differ; give both the same"
         overlap = self.loops[1].controller.limits[1] > self.loops[0].controller.limits[0]

@@ -88,7 +88,7 @@ def verify_settling(model: SwitchedModel, proof: SettlingProof) -> Excursions | 
     if not (1 <= proof.samples <= MOST_SAMPLES and 0.0 < proof.decay < 1.0):
         return None
     with ctx.workprec(_PRECISION):
-        if not lowering_top(model) + dwell_margin(model) < arb(lowest) - arb(model.hysteresis):
+        if not lowering_top(model) + dwell_margin(model) < arb(lowest) - arb(model.half_width):
             return None
         a, _, c = loop_matrices(model.loops[0].controller, raising_lag(model))
         if len(proof.matrix) != a.nrows():
@@ -114,7 +114,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
     inverse, size = p.inv(), a.nrows()
     per_output = (inverse[0, 0].sqrt(), (c * inverse * c.transpose())[0, 0].sqrt())
     lengths = [p[i, i].sqrt() for i in range(size)]
-    both, eps, decay = arb_mat([*a.tolist(), *c.tolist()]), arb(model.hysteresis), arb(proof.decay)
+    both, eps, decay = arb_mat([*a.tolist(), *c.tolist()]), arb(model.half_width), arb(proof.decay)
     # the error that was cut off, in the norm of P; the same for all columns
     error, undershoot, overshoot = arb(0), arb(0), arb(0)
     wrong_y, wrong_v = arb(0), arb(0)

@@ -197,7 +197,7 @@ def _responses(model: SwitchedModel) -> _Responses | None:
         constant = midpoints(entry_corners(model, arb(0)))
         slope = midpoints(entry_corners(model, arb(1))) - constant
         rest, margin = 1.0 / float(lag.gain), float(dwell_margin(model))
-        least = float(lowering_top(model)) + model.hysteresis + margin
+        least = float(lowering_top(model)) + model.half_width + margin
     level = _level_set(a, c)
     if level is None:
         return None
@@ -216,7 +216,7 @@ def _responses(model: SwitchedModel) -> _Responses | None:
     # where the first control is known to be within the lower limit, rounding must not say otherwise
     first = int(starts_above_low(model))
     limits = (
-        (y, y_slope, model.hysteresis, "the output overshoots by the hysteresis"),
+        (y, y_slope, model.half_width, "the output overshoots by the hysteresis"),
         (v, v_slope, high, f"the {raising}'s upper limit is reached"),
         (-v[first:], -v_slope[first:], -low, f"the {raising}'s lower limit is reached"),
     )
@@ -226,7 +226,7 @@ def _responses(model: SwitchedModel) -> _Responses | None:
     name = f"the {lowering}'s largest control holds the output above the hysteresis"
     if margin > 0.0:
         name = f"within min_dwell_s the output may fall below what the {lowering}'s largest control holds"
-    return _Responses(limits, tuple(states), level, gains, model.hysteresis, rest, (low, high), least, name, raising)
+    return _Responses(limits, tuple(states), level, gains, model.half_width, rest, (low, high), least, name, raising)
 
 
 def _level_set(a: Array, c: Array) -> _Level | None:

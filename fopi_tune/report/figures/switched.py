@@ -46,9 +46,9 @@ def orbit_picture(certificate: SystemCertificate, unit: str = "") -> Picture | N
             axes.axvspan(float(time_s[begin]), float(time_s[end]), color="0.85", linewidth=0, label=label)
         axes.plot(time_s, y, color=BLUE, marker=".", markersize=3, linewidth=0.9, label="output at the samples")
         axes.axhline(shown.setpoint, color=ORANGE, linestyle="--", linewidth=0.9, label="setpoint")
-        for k, side in enumerate((-1.0, 1.0)):
+        for k, each in enumerate((model.lines.down, model.lines.up)):
             label = "lines of the hysteresis" if k == 0 else None
-            line = shown.setpoint + side * model.hysteresis
+            line = each.level(shown.setpoint)
             axes.axhline(line, color=GREEN, linestyle=":", linewidth=0.9, label=label)
         axes.set_xlim(0.0, float(time_s[-1]))
         label_axes(axes, _labelled("output", unit), "time, s")

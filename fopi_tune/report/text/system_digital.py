@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.text import Text
 
+    from fopi_tune.core.switching_lines import Threshold
     from fopi_tune.results.system import DiscretizedSystem
 
 
@@ -23,10 +25,12 @@ def system_digital_text(result: DiscretizedSystem) -> Text:
     ]
     raising, lowering = (mode.name for mode in spec.modes)
     unit, dwell = spec.measurement_unit, spec.min_dwell_samples
-    eps = with_unit(spec.hysteresis, unit) if unit else f"{spec.hysteresis:g}"
     lines += entry("sampled", f"every {with_unit(spec.sample_time_s, 's')}")
-    above, below = (f"the setpoint{TIE}{sign}{TIE}{eps}" for sign in "+-")
-    lines += entry("switching", f"{lowering} from {above} on, {raising} from {below} on")
+    where, turns = (lambda line: _line(line, unit)), spec.lines
+    lines += entry("switching", f"{lowering} from {where(turns.up)} on, {raising} from {where(turns.down)} on")
+    if turns.coast_above is not None and turns.coast_below is not None:
+        rests = f"{raising} rests from {where(turns.coast_above)} on, {lowering} from {where(turns.coast_below)} on"
+        lines += entry("coasting", rests)
     if dwell > 1:
         lines += entry("dwell", f"at least {dwell} samples, {with_unit(dwell * spec.sample_time_s, 's')}")
     lines += entry("inactive", spec.inactive)
@@ -40,3 +44,16 @@ def system_digital_text(result: DiscretizedSystem) -> Text:
         lines += wrapped(f"{note}.", "yellow")
     lines += [("", ""), *wrapped("Nothing is proved here: `fopi prove` says whether the system settles.", QUIET)]
     return to_text(lines)
+
+
+def _line(line: Threshold, unit: str) -> str:
+    """An output on a line, in words."""
+    from fopi_tune.report.text.formatting import TIE, with_unit
+
+    def told(value: float) -> str:
+        return with_unit(value, unit) if unit else f"{value:g}"
+
+    if line.is_absolute:
+        return told(line.value)
+    sign = "-" if math.copysign(1.0, line.value) < 0.0 else "+"
+    return f"the setpoint{TIE}{sign}{TIE}{told(abs(line.value))}"

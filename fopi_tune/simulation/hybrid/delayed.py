@@ -11,6 +11,9 @@ e, v and the load are lines between their values just after and just before the 
     x' = p x + f:   x_{n+1} = e^{ph} x_n + I_1 f_n + I_2 (f_{n+1} - f_n),
     I_1 = (e^{ph} - 1)/p,   I_2 = (e^{ph} - 1 - ph)/(p^2 h).                                                         (2)
 
+Where the modes coast, v is 0, the plant is that of the mode that was left last, and what each controller remembers is
+kept or follows 0.
+
 The error falls as h^2 between jumps; a jump happens at the first node beyond its line after the minimum dwell, so that
 it is up to h late.
 
@@ -25,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.switching_lines import Threshold
 from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.simulation.hybrid.flow import ModeLoop
 from fopi_tune.simulation.hybrid.model import HybridCar, HybridOutcome, HybridStart, Mode, Watch
@@ -55,7 +59,7 @@ class SteppedResponse:
         rate: y' just before the node, output unit per s.
         rate_after: just after it.
         control: v just after the node.
-        mode: 1 or 2, just after it.
+        mode: 1 or 2, just after it; 0 while both outputs rest.
         jumps: the nodes of all jumps.
         outcome: how it ended.
         reason: one sentence.
@@ -105,6 +109,9 @@ class _Run:
         self.plants = {mode: _line_weights(np.array([-loop.pole_rad_s]), step) for mode, loop in self.loops.items()}
         self.memory = {mode: np.zeros(len(loop.poles)) for mode, loop in self.loops.items()}
         self.active, self.first, self.past, self.jumps = start.mode, start.mode, past, list[int]()
+        self.lines, self.coasting = car.lines, False
+        #: whose plant moves from each node on
+        self.moved = [start.mode] * count
         if start.control is not None and len(self.memory[start.mode]):
             error = float(signals.reference[1][0]) - start.output
             self.memory[start.mode] = self.loop.memory_for(start.control, error, self.memory[start.mode])
@@ -136,12 +143,12 @@ class _Run:
         )  # fmt: skip
 
     def _control(self, error: float, memory: Array) -> float:
-        return self.loop.saturate(self.loop.demand(float(error), memory))
+        return 0.0 if self.coasting else self.loop.saturate(self.loop.demand(float(error), memory))
 
     def _arriving(self, n: int) -> tuple[Mode, float]:
         """The mode that acts just after node n, and its control."""
         k = n - self.lag
-        return (Mode(self.mode[k]), float(self.after[k])) if k >= 0 else (self.first, self.past)
+        return (self.moved[k], float(self.after[k])) if k >= 0 else (self.first, self.past)
 
     def _advance(self, n: int) -> None:
         """From node n to just before node n + 1."""
@@ -156,7 +163,7 @@ class _Run:
             line = gain * (begin + load_after[n]), gain * (end + load[n + 1])
             y = float(_stepped(self.output[n : n + 1], plant, *line)[0])
             error = float(reference[n + 1] - y)
-            x = _stepped(memory, self.sections[self.active], float(e0), error)
+            x = memory if self.coasting else _stepped(memory, self.sections[self.active], float(e0), error)
             control = self._control(error, x)
             end = end if self.lag else control
         self.output[n + 1], self.memory[self.active], self.before[n + 1] = y, x, control
@@ -167,21 +174,46 @@ class _Run:
         y, r = float(self.output[n]), float(self.signals.reference[1][n])
         if not abs(y) <= self.watch.most_output:
             self._stop(n, HybridOutcome.DIVERGED, f"the output goes beyond {self.watch.most_output:g}")
-        elif n >= self.free_at and self.active.outwards * (y - r) >= self.car.eps:
-            self._jump(n)
+        elif n >= self.free_at and (entered := self._entered(y, r)) is not None:
+            self._jump(n, entered)
         self.after[n] = self._control(r - y, self.memory[self.active])
-        self.mode[n] = self.active
+        self.mode[n], self.moved[n] = 0 if self.coasting else self.active, self.active
         mode, control = self._arriving(n)
         acting = control + float(self.signals.load[1][n])
         self.rate_after[n] = -self.loops[mode].pole_rad_s * y + self.loops[mode].gain * acting
         if n == 0:
             self.rate[0] = -self.loops[mode].pole_rad_s * y + self.loops[mode].gain * self.past
 
-    def _jump(self, n: int) -> None:
+    def _entered(self, y: float, r: float) -> Mode | int | None:
+        """The mode that is entered, 0 for coasting; None where nothing changes."""
+        lines, acts = self.lines, None if self.coasting else self.active
+        if acts is not Mode.BRAKE and y - _zero(lines.up, r) >= lines.up.value:
+            return Mode.BRAKE
+        if acts is not Mode.THROTTLE and y - _zero(lines.down, r) <= lines.down.value:
+            return Mode.THROTTLE
+        high, low = lines.coast_above, lines.coast_below
+        if acts is Mode.THROTTLE and high is not None and y - _zero(high, r) >= high.value:
+            return 0
+        return 0 if acts is Mode.BRAKE and low is not None and y - _zero(low, r) <= low.value else None
+
+    def _jump(self, n: int, entered: Mode | int) -> None:
         y, left = float(self.output[n]), self.active
         error = float(self.signals.reference[0][n]) - y
         control = self._control(error, self.memory[left])
-        self.idle_since[left], self.active, self.free_at = n, left.other, n + self.dwell
+        if not self.coasting:
+            self.idle_since[left] = n
+        self.free_at, self.coasting = n + self.dwell, not isinstance(entered, Mode)
+        if isinstance(entered, Mode):
+            self.active = entered
+            self._begin(n, control, error)
+        self.jumps.append(n)
+        count = self.watch.most_jumps
+        if len(self.jumps) > count and (n - self.jumps[-1 - count]) * self.step <= self.watch.window_s:
+            found = f"more than {count} jumps within {self.watch.window_s:g} s"
+            self._stop(n, HybridOutcome.CHATTERING, found)
+
+    def _begin(self, n: int, control: float, error: float) -> None:
+        """The memory of the mode that begins to act."""
         memory = self.memory[self.active]
         if self.car.memory is Memory.RESET:
             self.memory[self.active] = np.zeros_like(memory)
@@ -189,14 +221,10 @@ class _Run:
             # as on samples: the idle integral followed the control until just before, the other states decayed
             decayed = memory * np.exp(self.loop.poles * (n - self.idle_since[self.active]) * self.step)
             self.memory[self.active] = self.loop.memory_for(self.loop.saturate(control), error, decayed)
-        self.jumps.append(n)
-        count = self.watch.most_jumps
-        if len(self.jumps) > count and (n - self.jumps[-1 - count]) * self.step <= self.watch.window_s:
-            found = f"more than {count} jumps within {self.watch.window_s:g} s"
-            self._stop(n, HybridOutcome.CHATTERING, found)
 
     def _stop(self, n: int, outcome: HybridOutcome, reason: str) -> None:
-        place = f"at {n * self.step:.9g} s, y = {self.output[n]:.9g}, mode {self.active.value}"
+        mode = 0 if self.coasting else self.active.value
+        place = f"at {n * self.step:.9g} s, y = {self.output[n]:.9g}, mode {mode}"
         self.outcome, self.reason = outcome, f"{reason}; {place}"
 
 
@@ -216,3 +244,8 @@ def _stepped(x: Array, weights: tuple[Array, Array, Array], begin: float, end: f
     """(2)."""
     growth, first, second = weights
     return growth * x + first * begin + second * (end - begin)
+
+
+def _zero(line: Threshold, setpoint: float) -> float:
+    """Where a line's number counts from."""
+    return 0.0 if line.is_absolute else setpoint

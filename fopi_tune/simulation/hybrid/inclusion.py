@@ -4,8 +4,9 @@ Flow in mode 1 (throttle) while y < r + eps, in mode 2 (brake) while y > r - eps
 
     in mode 1 on y >= r + eps,   in mode 2 on y <= r - eps.                                                          (1)
 
-The paper writes = in (1), with < and > in the flow sets: then after a step of the reference the car may be able neither
-to flow nor to jump, and with eps = 0 it can never flow away from y = r.  Here
+or on other lines.  The paper writes = in (1), with < and > in the flow sets: then after a step
+of the reference the car may be able neither to flow nor to jump, and with eps = 0 it can never flow away from y = r.
+Here
 
   - beyond its line a mode is left at once;
   - touching the line causes a jump, for the flow sets are open;
@@ -76,9 +77,11 @@ def simulate_hybrid(
         The jumps, the samples up to where the run ended, and how it ended.
 
     Raises:
-        DomainError: an invalid reference, end, sample times or start, or a horizon of more than a million of the
-            car's longest steps.
+        DomainError: an invalid reference, end, sample times or start, modes that coast, or a horizon of more than a
+            million of the car's longest steps.
     """
+    if car.lines.coasts:
+        raise DomainError("modes that coast are simulated in equal steps")
     corners = checked_reference(reference, end_s)
     times = checked_samples(times_s, end_s)
     simulation = _Simulation(car, corners, end_s, start or HybridStart(), watch or Watch())
@@ -112,7 +115,9 @@ class _Simulation:
         self._start_control(start)
         ends = [*(corner.time_s for corner in corners[1:]), end_s]
         levels = [abs(c.value) + abs(c.slope_per_s * (end - c.time_s)) for c, end in zip(corners, ends, strict=True)]
-        scale = abs(start.output) + car.eps + max(levels)
+        self.lines = {mode: car.line(mode) for mode in Mode}
+        reach = max(abs(line.value) for line in self.lines.values())
+        scale = abs(start.output) + reach + max(levels)
         if start.control is not None:
             scale += abs(start.control * self.loop.gain) * shortest
         self.rounding = _ROUNDING * scale
@@ -214,7 +219,9 @@ class _Simulation:
     def _value(self, i: int, w: Array) -> float:
         """The value of guard i."""
         if i == 0:
-            return self.mode.outwards * float(w[0] - w[-_TAIL]) - self.car.eps
+            line, side = self.lines[self.mode], self.mode.outwards
+            offset = float(w[0]) if line.is_absolute else float(w[0] - w[-_TAIL])
+            return side * offset - side * line.value
         sign, limit = self.loop.bounds(self.regime)[i - 1]
         return sign * (self.loop.demand(float(w[-_TAIL] - w[0]), w[1:-_TAIL]) - limit)
 
@@ -266,7 +273,10 @@ class _Simulation:
         if self.time < self.free_at:
             return Guard(-math.inf, 0.0, 0.0, self.rounding)
         side, (y, slope, curvature) = self.mode.outwards, derivatives.offset
-        return Guard(side * y - self.car.eps, side * slope, side * curvature, self.rounding)
+        line = self.lines[self.mode]
+        if line.is_absolute:
+            y, slope = float(self.w[0]), slope + float(self.w[-_TAIL + 1])
+        return Guard(side * y - side * line.value, side * slope, side * curvature, self.rounding)
 
     def _settle(self) -> None:
         """Jump as long as the mode is left at once."""
@@ -306,8 +316,9 @@ class _Simulation:
     def _chattering(self) -> str:
         watch = self.watch
         found = f"more than {watch.most_jumps} jumps within {watch.window_s:g} s"
-        if self.car.eps > 0.0:
-            return f"{found}; eps is too small for how fast the modes turn"
+        if self.car.lines.half_width != 0.0:
+            apart = "eps is too small" if self.car.lines.half_width else "the lines are too close"
+            return f"{found}; {apart} for how fast the modes turn"
         at_once = self.events[-1].time_s == self.events[-2].time_s
         if at_once and min(self.exit_rates[-2:]) > 0.0:
             return f"{found}; sliding: on the line y = r both modes head for it"

@@ -15,6 +15,7 @@ from enum import IntEnum, StrEnum
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.switching_lines import SwitchingLines, Threshold
 from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.hybrid.flow import ModeLoop
@@ -51,7 +52,7 @@ class HybridCar:
 
     Args:
         throttle, brake: modes 1 and 2.
-        eps: half-width of the hysteresis, >= 0, in the output's unit.
+        eps: half-width of the hysteresis, >= 0, in the output's unit, or other lines.
         memory: of the inactive controller; the paper keeps it.  TRACKING sets the integrator's state at the jump so
             that the new demand is the control before the jump, as far as the new mode's limits let it; a controller
             without an integral has no state to set.
@@ -63,17 +64,27 @@ class HybridCar:
 
     throttle: ModeLoop
     brake: ModeLoop
-    eps: float = 0.0
+    eps: float | SwitchingLines = 0.0
     memory: Memory = Memory.HELD
     min_dwell_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.eps) and self.eps >= 0.0):
+        eps = self.eps
+        if not isinstance(eps, SwitchingLines) and not (math.isfinite(eps) and eps >= 0.0):
             raise DomainError(f"hybrid car: eps = {self.eps!r} is no half-width; it must be finite and >= 0")
         if not (math.isfinite(self.min_dwell_s) and self.min_dwell_s >= 0.0):
             raise DomainError(f"hybrid car: min_dwell_s = {self.min_dwell_s!r} must be finite and >= 0")
         if self.memory is Memory.TRACKING and not (self.throttle.gains.ki or self.brake.gains.ki):
             raise DomainError("hybrid car: TRACKING needs ki in one of the controllers; take HELD or RESET")
+
+    @property
+    def lines(self) -> SwitchingLines:
+        """Where the modes take turns."""
+        return SwitchingLines.of(self.eps)
+
+    def line(self, mode: Mode) -> Threshold:
+        """The line on which a mode is left for the other one."""
+        return self.lines.up if mode is Mode.THROTTLE else self.lines.down
 
     def loop(self, mode: Mode) -> ModeLoop:
         """The loop of a mode."""

@@ -39,7 +39,7 @@ def simulate_inclusion(
     system: SystemSpec, scenario: ScenarioSpec, gains: Sequence[FoPi], plants: Sequence[Plant],
     controllers: Sequence[Runtime], sample_time_s: float, accuracy: float | None = None,
 ) -> ContinuousSimulation:  # fmt: skip
-    """Simulate a system: with located jumps, or in equal steps where it has a computing delay or a load.
+    """Simulate a system: with located jumps, or in equal steps where it has a computing delay, a load or a coast.
 
     Args:
         system: gives hysteresis, minimum dwell, first mode, memory and the computing delay.
@@ -59,7 +59,7 @@ def simulate_inclusion(
         return _simulated(system, scenario, gains, plants, controllers, sample_time_s, refined)
 
     found, reached, most = run(0), None, 0
-    if scenario.load or computing_delay_s(system) > 0.0:
+    if _is_stepped(system, scenario):
         most = int(math.log2(_MOST_STEPS / (len(found.time_s) - 1)))
     elif accuracy is not None and any(each.alpha != 1.0 for each in gains):
         most = len(_POLES) - 1
@@ -75,6 +75,11 @@ def computing_delay_s(system: SystemSpec) -> float:
     """From the measurement to the new control, s; both modes have the same."""
     digital = system.modes[0].spec.digital
     return 0.0 if digital is None else digital.delay_samples * digital.sample_time_s
+
+
+def _is_stepped(system: SystemSpec, scenario: ScenarioSpec) -> bool:
+    """Whether a system's jumps cannot be located."""
+    return bool(scenario.load) or computing_delay_s(system) > 0.0 or system.lines.coasts
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +114,7 @@ def _simulated(
     bumpless = scenario.bumpless and loop.gains.ki != 0.0
     start = HybridStart(scenario.initial_output, first, loop.saturate(past) if bumpless else None)
     watch = Watch(system.most_switches, system.chattering_window_s)
-    if scenario.load or computing_delay_s(system) > 0.0:
+    if _is_stepped(system, scenario):
         return _in_steps(system, scenario, car, sample_time_s, start, past, watch, refined)
     step = sample_time_s / _KEPT
     times = step * np.arange(round(scenario.duration_s / step) + 1)

@@ -18,8 +18,7 @@ from numba import njit
 
 from fopi_tune.simulation.sampled.layout import (
     ALL_LANES,
-    APPLIED,
-    CHATTERING,
+    COASTING,
     DIRECT,
     EXCESS,
     FLUSH_BELOW,
@@ -28,21 +27,11 @@ from fopi_tune.simulation.sampled.layout import (
     IS_NEW,
     LAST_ERROR,
     LAST_OUTPUT,
-    LAST_SWITCH,
-    LONGEST_RUN,
     LOW,
-    MODE,
     MOST_CHANGE,
-    OTHER_LAST_OUTPUT,
     PROPORTIONAL,
-    RECENT_SWITCHES,
-    RESET,
-    RUN,
     SECTIONS,
     SETPOINT_WEIGHT,
-    START,
-    SWITCHES,
-    TRACK,
     WIDTH,
 )
 from fopi_tune.simulation.sampled.vectors import (
@@ -50,7 +39,6 @@ from fopi_tune.simulation.sampled.vectors import (
     bits,
     broadcast,
     load,
-    mask_from_bits,
     offset_pointer,
     store,
     where,
@@ -90,7 +78,8 @@ def store_maximum(s, row, value):
 
 
 @_inlined
-def _store_where(s, row, some, value):
+def store_where(s, row, some, value):
+    """Store a value in some lanes."""
     store(s, row, where(some, value, load(s, row)))
 
 
@@ -152,15 +141,15 @@ def start_at_rest(s, c, other, second, offsets, settings, y):
     new, states = load(s, IS_NEW) > broadcast(0.5), offsets.active
     if bits(new) != 0:
         for j in range(settings.derivatives):
-            _store_where(s, offsets.filtered + j * WIDTH, new, y)
+            store_where(s, offsets.filtered + j * WIDTH, new, y)
         for j in range(settings.filter_order):
-            _store_where(s, offsets.lagged + j * WIDTH, new, y if j == 0 else broadcast(0.0))
+            store_where(s, offsets.lagged + j * WIDTH, new, y if j == 0 else broadcast(0.0))
         if settings.sections > 0:
             offset = coefficient(c, PROPORTIONAL, other, second) * (
                 coefficient(c, SETPOINT_WEIGHT, other, second) * y - y
             )
             integrates = coefficient(c, INTEGRATES, other, second) > broadcast(0.5)
-            _store_where(s, states, new & integrates, load(s, LAST_OUTPUT) - offset)
+            store_where(s, states, new & integrates, load(s, LAST_OUTPUT) - offset)
 
 
 @_inlined
@@ -219,7 +208,7 @@ def demand(s, states, sections, first):
 
 
 @_inlined
-def _next_state(s, c, other, second, state, i, e, d):
+def next_state(s, c, other, second, state, i, e, d):
     """p (x + w d) + r e, flushed in lanes at rest; elsewhere the test of e is all it costs."""
     row = SECTIONS + 3 * i
     x = coefficient(c, row, other, second) * (load(s, state) + coefficient(c, row + 1, other, second) * d)
@@ -235,7 +224,7 @@ def update_states(s, c, other, second, states, new, sections):
     """The states after the last sample, from its error and excess u - v."""
     e, d = load(s, LAST_ERROR), load(s, EXCESS)
     for i in range(sections):
-        store(s, new + i * WIDTH, _next_state(s, c, other, second, states + i * WIDTH, i, e, d))
+        store(s, new + i * WIDTH, next_state(s, c, other, second, states + i * WIDTH, i, e, d))
 
 
 @_inlined
@@ -244,7 +233,7 @@ def update_and_demand(s, c, other, second, states, sections, first):
     before, d = load(s, LAST_ERROR), load(s, EXCESS)
     v = first
     for i in range(sections):
-        x = _next_state(s, c, other, second, states + i * WIDTH, i, before, d)
+        x = next_state(s, c, other, second, states + i * WIDTH, i, before, d)
         store(s, states + i * WIDTH, x)
         v = v + x
     return v
@@ -254,6 +243,8 @@ def update_and_demand(s, c, other, second, states, sections, first):
 def update_checked(s, c, other, second, offsets, settings, y, v, u):
     """`update_states`, and the output; where a number is not finite, states and output are held."""
     good, states, spare = is_finite(load(s, LAST_ERROR)) & is_finite(v), offsets.active, offsets.spare
+    if settings.coasts:
+        good = good & (load(s, COASTING) < broadcast(0.5))
     filter_measurement(s, c, other, second, offsets.spare_filtered, offsets, settings, y)
     update_states(s, c, other, second, states, spare, settings.sections)
     for i in range(settings.sections):
@@ -263,13 +254,13 @@ def update_checked(s, c, other, second, offsets, settings, y, v, u):
     for j in range(settings.filter_order):
         good = good & is_finite(load(s, offsets.spare_lagged + j * WIDTH))
     for i in range(settings.sections):
-        _store_where(s, states + i * WIDTH, good, load(s, spare + i * WIDTH))
+        store_where(s, states + i * WIDTH, good, load(s, spare + i * WIDTH))
     for j in range(settings.derivatives):
-        _store_where(s, offsets.filtered + j * WIDTH, good, load(s, offsets.spare_filtered + j * WIDTH))
+        store_where(s, offsets.filtered + j * WIDTH, good, load(s, offsets.spare_filtered + j * WIDTH))
     for j in range(settings.filter_order):
-        _store_where(s, offsets.lagged + j * WIDTH, good, load(s, offsets.spare_lagged + j * WIDTH))
+        store_where(s, offsets.lagged + j * WIDTH, good, load(s, offsets.spare_lagged + j * WIDTH))
     if settings.starts_at_first_sample:
-        _store_where(s, IS_NEW, good, broadcast(0.0))
+        store_where(s, IS_NEW, good, broadcast(0.0))
     return where(good, u, load(s, LAST_OUTPUT))
 
 
@@ -281,106 +272,3 @@ def update_measured(s, c, other, second, offsets, settings, y):
         store(s, offsets.lagged + j * WIDTH, load(s, offsets.spare_lagged + j * WIDTH))
     if settings.starts_at_first_sample:
         store(s, IS_NEW, broadcast(0.0))
-
-
-@_inlined
-def track_applied(s, c, other, second, old, new, sections, e, applied):
-    """One sample of the inactive controller, which tracks the applied control."""
-    rest = coefficient(c, DIRECT, other, second) * e
-    v = demand(s, old, sections, rest)
-    total = applied + v
-    for i in range(1, sections):
-        x = coefficient(c, SECTIONS + 3 * i, other, second) * load(s, old + i * WIDTH)
-        store(s, new + i * WIDTH, flushed(x))
-        rest, total = rest + x, total + x
-    u = saturate(c, other, second, applied)
-    if sections > 0:
-        x = coefficient(c, SECTIONS, other, second) * load(s, old)
-        x = where(coefficient(c, INTEGRATES, other, second) > broadcast(0.5), u - rest, x)
-        store(s, new, flushed(x))
-        total = total + x
-    if bits(is_finite(total)) != ALL_LANES:
-        good = is_finite(e) & is_finite(v) & is_finite(applied)
-        for i in range(sections):
-            good = good & is_finite(load(s, new + i * WIDTH))
-        for i in range(sections):
-            store(s, new + i * WIDTH, where(good, load(s, new + i * WIDTH), load(s, old + i * WIDTH)))
-        u = where(good, u, load(s, OTHER_LAST_OUTPUT))
-    store(s, OTHER_LAST_OUTPUT, u)
-
-
-@_inlined
-def hysteresis_crossings(s, k, measured, reference, e, half_width, dwell):
-    """The lanes that cross the hysteresis after the minimum dwell: from mode 1 to 2, and from 2 to 1."""
-    mode = load(s, MODE)
-    up = (mode < broadcast(0.5)) & (measured >= broadcast(reference + half_width))
-    down = (mode > broadcast(0.5)) & (measured <= broadcast(reference - half_width))
-    if bits(up | down) != 0:
-        free = is_finite(e)
-        if dwell > 1:
-            free = free & (broadcast(float(k)) - load(s, LAST_SWITCH) >= broadcast(float(dwell)))
-        up, down = up & free, down & free
-    return up, down
-
-
-@_inlined
-def expire_switches(s, jumps, k, window):
-    """Take the switches that have left the window out of the count."""
-    jumps[k] = 0
-    if k > window and jumps[k - window - 1] != 0:
-        store(
-            s,
-            RECENT_SWITCHES,
-            load(s, RECENT_SWITCHES) - where(mask_from_bits(jumps[k - window - 1]), broadcast(1.0), broadcast(0.0)),
-        )
-
-
-@_inlined
-def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings, update_due, e):
-    """`update_states` where it is due, the change of mode of some lanes, and `demand`."""
-    before, jumping = load(s, MODE) > broadcast(0.5), up | down
-    mode = where(up, broadcast(1.0), where(down, broadcast(0.0), load(s, MODE)))
-    second = mode > broadcast(0.5)
-    own, select = resolve_mode(c, other, before)
-    new, choose = resolve_mode(c, other, second)
-    start, last = coefficient(new, START, choose, second), load(s, LAST_OUTPUT)
-    entered = start if settings.inactive == RESET else load(s, OTHER_LAST_OUTPUT)
-    if settings.limits_rate and settings.inactive != TRACK:
-        # of a mode without a limit of the rate the last output matters only where a sample is held
-        limited = coefficient(new, MOST_CHANGE, choose, second) < broadcast(np.inf)
-        entered = where(limited, saturate(new, choose, second, last), entered)
-    store(s, OTHER_LAST_OUTPUT, where(jumping, last, load(s, OTHER_LAST_OUTPUT)))
-    store(s, LAST_OUTPUT, where(jumping, entered, last))
-    store(s, MODE, mode)
-    _store_where(s, APPLIED, jumping, saturate(new, choose, second, load(s, APPLIED)))
-    seen, d = load(s, LAST_ERROR), load(s, EXCESS)
-    v = coefficient(new, DIRECT, choose, second) * e
-    for i in range(settings.sections):
-        one, two = states + i * WIDTH, others + i * WIDTH
-        x, held = load(s, one), load(s, two)
-        if update_due:
-            x = _next_state(s, own, select, before, one, i, seen, d)
-        # LLVM may make this a masked store, which is slow to read back; the other row is read soon
-        store(s, two, where(jumping, x, held))
-        if settings.inactive == RESET:
-            held = start * coefficient(new, INTEGRATES, choose, second) if i == 0 else broadcast(0.0)
-        x = where(jumping, held, x)
-        store(s, one, x)
-        v = v + x
-    jumps[k] = bits(jumping)
-    _count_switches(s, k, jumping, settings.most_switches)
-    return v
-
-
-@_inlined
-def _count_switches(s, k, jumping, most):
-    """Count switches, runs of switches at consecutive samples, and too many switches within the window."""
-    now = broadcast(float(k))
-    run = where(load(s, LAST_SWITCH) >= now - broadcast(1.0), load(s, RUN) + broadcast(1.0), broadcast(1.0))
-    _store_where(s, RUN, jumping, run)
-    store_maximum(s, LONGEST_RUN, load(s, RUN))
-    _store_where(s, LAST_SWITCH, jumping, now)
-    one = broadcast(1.0)
-    _store_where(s, SWITCHES, jumping, load(s, SWITCHES) + one)
-    _store_where(s, RECENT_SWITCHES, jumping, load(s, RECENT_SWITCHES) + one)
-    store(s, CHATTERING, where(load(s, RECENT_SWITCHES) > broadcast(float(most)), one, load(s, CHATTERING)))

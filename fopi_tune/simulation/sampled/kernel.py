@@ -15,11 +15,12 @@ import numpy as np
 from numba import njit
 
 from fopi_tune.core.compiled.kept import kept, sources
-from fopi_tune.simulation.sampled import controller_stages, noise_vectors, plant_stages
+from fopi_tune.simulation.sampled import controller_stages, noise_vectors, plant_stages, switching_stages
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,
     BEGUN,
+    COASTING,
     CONTROL,
     EXCESS,
     FINITE,
@@ -86,12 +87,17 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
     """
     second, e = load(s, MODE) > broadcast(0.5), broadcast(r) - measured
     own, select = controller_stages.resolve_mode(c, other, second)
-    up, down = controller_stages.hysteresis_crossings(s, k, measured, r, e, settings.half_width, settings.dwell)
     # with checks the states were updated at the end of the last sample
     update_due = k > 0 and not check_finite
-    controller_stages.expire_switches(s, jumps, k, settings.window)
-    if settings.hybrid and bits(up | down) != 0:
-        v = controller_stages.switch_and_demand(
+    switching_stages.expire_switches(s, jumps, k, settings.window)
+    up, down = switching_stages.line_crossings(s, k, measured, r, e, settings)
+    if settings.coasts:
+        states = offsets.active, other_old
+        switching_stages.coast_or_enter(s, jumps, k, c, other, measured, r, e, *states, settings)
+        second = load(s, MODE) > broadcast(0.5)
+        own, select = controller_stages.resolve_mode(c, other, second)
+    if settings.hybrid and settings.coasts == 0 and bits(up | down) != 0:
+        v = switching_stages.switch_and_demand(
             s, jumps, k, c, other, up, down, offsets.active, other_old, settings, update_due, e
         )  # fmt: skip
         second = load(s, MODE) > broadcast(0.5)
@@ -119,6 +125,8 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
     else:
         controller_stages.update_measured(s, own, select, second, offsets, settings, measured)
     store(s, LAST_OUTPUT, u)
+    if settings.coasts:
+        u = where(load(s, COASTING) > broadcast(0.5), broadcast(0.0), u)
     return e, u, check_finite
 
 
@@ -165,11 +173,21 @@ def _sample(
     if track:
         first = load(s, MODE) < broadcast(0.5)
         idle, either = controller_stages.resolve_mode(c, other, first)
-        controller_stages.track_applied(s, idle, either, first, other_old, other_new, settings.sections, e, applied)
+        tracked = switching_stages.track_applied(
+            s, idle, either, first, other_old, other_new, settings.sections, e, applied, load(s, OTHER_LAST_OUTPUT)
+        )
+        store(s, OTHER_LAST_OUTPUT, tracked)
+        if settings.coasts:
+            left = load(s, MODE) > broadcast(0.5)
+            own, either = controller_stages.resolve_mode(c, other, left)
+            switching_stages.track_while_coasting(
+                s, own, either, left, offsets.active, offsets.spare, settings.sections, e, applied
+            )
     if k >= settings.horizon:
         plant_stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other, steps)
     if settings.keep:
-        for row, value in enumerate((y, rate, measured, broadcast(r) - measured, u, applied, load(s, MODE))):
+        state = where(load(s, COASTING) > broadcast(0.5), broadcast(-1.0), load(s, MODE))
+        for row, value in enumerate((y, rate, measured, broadcast(r) - measured, u, applied, state)):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
     plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
     if settings.hybrid:
@@ -200,7 +218,8 @@ def _run_blocks(
         for place in range(rings):
             history[place] = s[APPLIED + place % WIDTH]
             modes[place] = settings.first_mode
-        check_finite = controller_stages.any_large(table, controllers, settings.sections, block)
+        # where the modes coast, states are updated at the end of each sample
+        check_finite = controller_stages.any_large(table, controllers, settings.sections, block) or settings.coasts != 0
         for k in range(settings.steps):
             check_finite = _sample(
                 s, history, modes, c, other, block, k, settings, offsets, *inputs, check_finite

@@ -19,6 +19,7 @@ from fopi_tune.simulation.sampled.layout import (
     BEFORE,
     BEGINS,
     BEGUN,
+    COASTING,
     CONTROL,
     DIRECTION,
     FINAL_ERROR,
@@ -130,6 +131,9 @@ def accumulate_measures(s, k, y, rate, reference, u, applied, settings, c, other
         second = load(s, MODE) > broadcast(0.5)
         own, select = resolve_mode(c, other, second)
         inside = (u > coefficient(own, LOW, select, second)) & (u < coefficient(own, HIGH, select, second))
+        if settings.coasts:
+            # no controller's output: it is at no limit
+            inside = inside | (load(s, COASTING) > broadcast(0.5))
         store(s, SATURATED, load(s, SATURATED) + where(inside, broadcast(0.0), broadcast(1.0)))
 
 

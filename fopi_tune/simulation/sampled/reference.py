@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.digital import runtime
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
@@ -52,7 +53,7 @@ class _ReferenceLoop:
         self.noise = (
             normal_deviates(scenario.sensor.seed, index, self.steps) if scenario.sensor.noise_std else np.zeros(0)
         )
-        self.mode = scenario.first_mode - 1
+        self.mode, self.coasting = scenario.first_mode - 1, False
         states, past = plants[self.mode].initial_state(scenario.start)
         self.x, self.past = states[row], float(past[row])
         self.before = self.last = self.past
@@ -74,15 +75,17 @@ class _ReferenceLoop:
         measured = self._measured(y, k)
         if scenario.hybrid is not None:
             self._switch(k, measured, reference, scenario.hybrid)
-        controller = self.controllers[self.mode]
-        self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
-        demanded = float(self.memory[self.mode].output)
+        demanded = 0.0
+        if not self.coasting:
+            controller = self.controllers[self.mode]
+            self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
+            demanded = float(self.memory[self.mode].output)
         self._actuate(demanded)
         if scenario.hybrid is not None and scenario.hybrid.inactive is InactiveController.TRACK:
-            other = 1 - self.mode
-            self.memory[other] = runtime.track(
-                self.controllers[other], self.memory[other], reference, measured, self.last
-            )
+            for idle in (0, 1) if self.coasting else (1 - self.mode,):
+                self.memory[idle] = runtime.track(
+                    self.controllers[idle], self.memory[idle], reference, measured, self.last
+                )
         self.applied.append(self.last)
         self.modes.append(self.mode)
         after = self._rate_after(k, rate)
@@ -90,7 +93,16 @@ class _ReferenceLoop:
         self.x = np.where(np.abs(self.x) < Precision.FLOAT64.flush_below, 0.0, self.x)
         if scenario.hybrid is not None:
             after = arriving
-        return y, rate, measured, reference - measured, demanded, self.last, self.mode + 1.0, after
+        return (
+            y,
+            rate,
+            measured,
+            reference - measured,
+            demanded,
+            self.last,
+            0.0 if self.coasting else self.mode + 1.0,
+            after,
+        )
 
     def _rate_after(self, k: int, rate: float) -> float:
         """dy/dt just after a new input arrives, the larger one of control and load."""
@@ -114,19 +126,34 @@ class _ReferenceLoop:
         return float(sensor.quantum * np.rint(value / sensor.quantum)) if sensor.quantum else float(value)
 
     def _switch(self, k: int, measured: float, reference: float, hybrid: Hybrid) -> None:
-        if self.mode == 0:
-            jump = measured >= reference + hybrid.half_width
-        else:
-            jump = measured <= reference - hybrid.half_width
-        if jump and k - self.last_switch >= hybrid.min_dwell_samples and math.isfinite(reference - measured):
-            self.mode, self.last_switch = 1 - self.mode, k
+        entered = self._entered(measured, reference, hybrid.lines)
+        if entered is None or k - self.last_switch < hybrid.min_dwell_samples:
+            return
+        if not math.isfinite(reference - measured):
+            return
+        output = np.float64(0.0 if self.coasting else self.memory[self.mode].output)
+        self.last_switch, self.coasting = k, entered < 0
+        if not self.coasting:
+            self.mode = entered
             low, high = self.controllers[self.mode].limits
             self.last = min(max(self.last, low), high)
             if hybrid.inactive is InactiveController.RESET:
                 self.memory[self.mode] = runtime.init(self.controllers[self.mode])
             if self.controllers[self.mode].limits_rate and hybrid.inactive is not InactiveController.TRACK:
-                entered, left = self.memory[self.mode], self.memory[1 - self.mode]
-                self.memory[self.mode] = runtime.follow_from(self.controllers[self.mode], entered, left.output)
+                self.memory[self.mode] = runtime.follow_from(self.controllers[self.mode], self.memory[entered], output)
+
+    def _entered(self, measured: float, reference: float, lines: SwitchingLines) -> int | None:
+        """The mode that is entered, -1 for coasting; None where the state stays."""
+        if measured >= lines.up.level(reference) and (self.mode == 0 or self.coasting):
+            return 1
+        if measured <= lines.down.level(reference) and (self.mode == 1 or self.coasting):
+            return 0
+        if lines.coast_above is None or lines.coast_below is None or self.coasting:
+            return None
+        leaves = measured >= lines.coast_above.level(reference)
+        if self.mode == 1:
+            leaves = measured <= lines.coast_below.level(reference)
+        return -1 if leaves else None
 
     def _actuate(self, wanted: float) -> None:
         most = self.scenario.actuator.rate_per_s * self.scenario.sample_time_s

@@ -275,6 +275,7 @@ def _settings(
 ) -> Settings:
     sensor, Ts = scenario.sensor, scenario.sample_time_s
     hybrid = scenario.hybrid or Hybrid(0.0)
+    up, down, coast_above, coast_below = hybrid.lines.numbers
     delay = int(held[0].control.delay.max(initial=0))
     delayed = delay > 0 or any(bool(np.any(part.control.weight[0] != 0.0)) for part in held)
     load_delayed = bool(np.any(held[0].load.delay > 0))
@@ -282,12 +283,20 @@ def _settings(
         noise_std=float(sensor.noise_std),
         quantum=float(sensor.quantum),
         most_change=float(scenario.actuator.rate_per_s * Ts),
-        half_width=float(hybrid.half_width),
+        up=up[0],
+        down=down[0],
+        coast_above=coast_above[0],
+        coast_below=coast_below[0],
         seed=np.uint64(sensor.seed),
         first_index=int(begin),
         order=held[0].order,
         sections=max(len(mode.controller.poles) for mode in modes),
         hybrid=int(scenario.hybrid is not None),
+        up_absolute=int(up[1]),
+        down_absolute=int(down[1]),
+        coasts=int(hybrid.lines.coasts),
+        coast_above_absolute=int(coast_above[1]),
+        coast_below_absolute=int(coast_below[1]),
         inactive=int(hybrid.inactive),
         limits_rate=int(any(mode.controller.limits_rate for mode in modes)),
         weighted=int(any(mode.controller.proportional != 0.0 for mode in modes)),

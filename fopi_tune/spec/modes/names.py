@@ -17,13 +17,15 @@ from fopi_tune.spec.yaml.problems import quoted
 FAMILIAR = ("throttle", "brake")
 #: of a mode; a part of names in C
 MODE_PATTERN = "[a-z][a-z0-9_]{0,31}"
+#: of the words that say where a mode is entered; no names of modes
+THRESHOLD_PATTERN = "to_[a-z0-9_]*_(?:above|below)"
 NAME_RULE = "a mode's name is lower-case letters, digits and underscores, at most 32, and begins with a letter"
 EXAMPLE = "{throttle: {spec: throttle.yaml}, brake: {spec: brake.yaml}, hysteresis: 0.5}"
 
 
 def foreign_pattern(reserved: Collection[str]) -> str:
     """Which keys are names of modes other than the familiar ones, as a regular expression of JSON Schema."""
-    words = "|".join([*reserved, *FAMILIAR])
+    words = "|".join([*reserved, *FAMILIAR, THRESHOLD_PATTERN])
     return f"^(?!(?:{words})$){MODE_PATTERN}$"
 
 
@@ -61,6 +63,8 @@ def written_names(place: Place, reserved: Collection[str]) -> tuple[str, str] | 
 def _is_mode(place: Place, key: str) -> bool:
     """Whether a key that is no other word of the section is meant as a mode."""
     assert isinstance(place.node, MappingNode)
+    if re.fullmatch(THRESHOLD_PATTERN, key):
+        return False
     return key in FAMILIAR or isinstance(place.node.entries[key][1], MappingNode)
 
 

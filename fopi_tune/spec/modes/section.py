@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
@@ -13,6 +14,7 @@ from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
 from fopi_tune.spec.modes.names import EXAMPLE, FAMILIAR, MODE_PATTERN, NAME_RULE, foreign_pattern
+from fopi_tune.spec.modes.turns import line_keys, line_rules, misnamed_lines, read_turns
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape, Text
@@ -48,9 +50,10 @@ def modes_shape(names: tuple[str, str] | None) -> Record:
     keys = with_defaults_of(SystemSpec, keys)
     rules: JsonSchema = {}
     if names is None:
-        named = _mode_shape("mode").json_schema()
-        rules = {"patternProperties": {foreign_pattern(reserved_words()): named}}
-    return Record("which loops take turns, and when", keys, lambda values, place: values, EXAMPLE, rules=rules)
+        named, rules = _mode_shape("mode").json_schema(), line_rules()
+        rules["patternProperties"] |= {foreign_pattern(reserved_words()): named}
+    build = partial(read_turns, names or FAMILIAR)
+    return Record("which loops take turns, and when", keys, build, EXAMPLE, misnamed_lines(names), rules)
 
 
 def reserved_words() -> tuple[str, ...]:
@@ -67,7 +70,7 @@ def _turns(names: tuple[str, str] | None) -> dict[str, Key]:
     """What is said beside the modes."""
     start = "mode at the start; the throttle, or the mode that is written first, when left out"
     return {
-        "hysteresis": Key(Number("half-width of the hysteresis around the setpoint, output unit", at_least=0)),
+        **line_keys(names),
         "inactive": Key(Choice("what the inactive controller's memory does", _INACTIVE), required=False),
         "first": Key(mode_name(names, start), required=False),
         "most_switches": Key(Number("more jumps than this within window_s chatter", at_least=1, whole=True), False),

@@ -1,0 +1,137 @@
+"""Two modes that take turns, written down once more in plain NumPy from the words of a system's file, one lane.
+
+Nothing of the package is used but the coefficients of the digital filters, which are tested elsewhere:  with
+e = r - y a controller gives v = d e + sum x_k and u = v within its limits and the rate, and goes on with
+x_k <- p_k (x_k + w_k g (u - v)) + r_k e.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class Part:
+    """One mode: its plant y' = (K u - y)/tau, and its controller."""
+
+    gain: float
+    time_constant_s: float
+    filter: dict[str, object]
+    limits: tuple[float, float]
+    rate_per_s: float = np.inf
+    x: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    last: float = 0.0
+
+    def begin(self) -> None:
+        """At an output of 0, or the limit next to it."""
+        self.x = np.zeros(len(self.filter["poles"]))  # pyright: ignore[reportArgumentType]
+        self.last = min(max(0.0, self.limits[0]), self.limits[1])
+        if self.filter["integrates"]:
+            self.x[0] = self.last
+
+    def step(self, e: float, sample_time_s: float) -> float:
+        """One sample of the controller that acts."""
+        p, r, w = (np.array(self.filter[name]) for name in ("poles", "residues", "weights"))
+        v = self.filter["direct"] * e  # pyright: ignore[reportOperatorIssue]
+        for each in self.x:
+            v = v + each
+        u = min(max(v, self.limits[0]), self.limits[1])
+        u = min(max(u, self.last - self.rate_per_s * sample_time_s), self.last + self.rate_per_s * sample_time_s)
+        self.x = p * (self.x + w * (self.filter["tracking_gain"] * (u - v))) + r * e  # pyright: ignore
+        self.last = u
+        return u
+
+    def follow(self, e: float, applied: float) -> None:
+        """One sample of a controller that tracks what is applied."""
+        u = min(max(applied, self.limits[0]), self.limits[1])
+        rest = self.filter["direct"] * e  # pyright: ignore[reportOperatorIssue]
+        for k in range(1, len(self.x)):
+            self.x[k] = self.filter["poles"][k] * self.x[k]  # pyright: ignore
+            rest = rest + self.x[k]
+        if self.filter["integrates"]:
+            self.x[0] = u - rest
+        self.last = u
+
+
+def signal(knots: list[dict[str, float]], before: float, time_s: np.ndarray) -> np.ndarray:
+    """Steps and ramps as they are written; a billionth of a sample later, so that rounding moves no step."""
+    values, start = np.full(len(time_s), before), before
+    for knot in knots:
+        ramp = knot.get("ramp_s", 0.0)
+        since = time_s - knot["at_s"] + 1e-9 * time_s[1]
+        share = np.minimum(since / ramp, 1.0) if ramp else np.ones(len(time_s))
+        values = np.where(since >= 0.0, start + share * (knot["value"] - start), values)
+        start = knot["value"]
+    return values
+
+
+def line(written: object, setpoint: float) -> float:
+    """The output on a line: a number, {relative: x} or {absolute: x}."""
+    if isinstance(written, dict):
+        return written["absolute"] if "absolute" in written else setpoint + written["relative"]
+    return setpoint + float(written)  # pyright: ignore[reportArgumentType]
+
+
+def next_state(words: dict[str, object], names: tuple[str, str], state: int, y: float, r: float) -> int:
+    """The state that the lines ask for; 1 and 2 are the modes, 0 the band in which both rest."""
+    eps = words.get("hysteresis")
+    up = words.get(f"to_{names[1]}_above", eps)
+    down = words.get(f"to_{names[0]}_below", None if eps is None else -eps)  # pyright: ignore
+    if state != 2 and y >= line(up, r):
+        return 2
+    if state != 1 and y <= line(down, r):
+        return 1
+    if words.get("coast") and state == 1 and y >= line(words.get("coast_above", 0.0), r):
+        return 0
+    if words.get("coast") and state == 2 and y <= line(words.get("coast_below", 0.0), r):
+        return 0
+    return state
+
+
+def drive(
+    words: dict[str, object], parts: tuple[Part, Part], names: tuple[str, str], scenario: dict[str, object],
+    sample_time_s: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Output and state at the samples.
+
+    Args:
+        words: of the section `system`, as they are written.
+        parts: of the raising mode, then of the lowering one.
+        names: of both.
+        scenario: as it is written; before it there was no input but the one that held the plant.
+        sample_time_s: Ts.
+    """
+    count = round(scenario["duration_s"] / sample_time_s) + 1  # pyright: ignore
+    time_s = sample_time_s * np.arange(count)
+    y = float(scenario.get("initial_output", 0.0))  # pyright: ignore[reportArgumentType]
+    reference = signal(scenario["reference"], y, time_s)  # pyright: ignore[reportArgumentType]
+    load = signal(scenario.get("load", []), 0.0, time_s)  # pyright: ignore[reportArgumentType]
+    dwell = int(np.ceil(words.get("min_dwell_s", 0.0) / sample_time_s - 1e-9))  # pyright: ignore
+    for part in parts:
+        part.begin()
+    state, plant, since, outputs, states = 1, 0, 10**9, [], []
+    for r, w in zip(reference, load, strict=True):
+        before, since, applied = state, since + 1, 0.0 if state == 0 else parts[state - 1].last
+        if since >= dwell:
+            state = next_state(words, names, state, y, r)
+        if state != before:
+            since = 0
+            if state:
+                part = parts[state - 1]
+                if words.get("inactive") == "reset":
+                    part.begin()
+                if part.rate_per_s < np.inf and words.get("inactive") != "tracking":
+                    part.last = min(max(applied, part.limits[0]), part.limits[1])
+        plant = plant if state == 0 else state - 1
+        u = parts[plant].step(r - y, sample_time_s) if state else 0.0
+        if words.get("inactive") == "tracking":
+            for k, part in enumerate(parts):
+                if k != state - 1:
+                    part.follow(r - y, u)
+        outputs.append(y)
+        states.append(state)
+        share = -np.expm1(-sample_time_s / parts[plant].time_constant_s)
+        y = y + share * (parts[plant].gain * (u + w) - y)
+    return np.array(outputs), np.array(states)

@@ -1,0 +1,99 @@
+"""Separate thresholds and coasting through every stage, from the file to C and to the certificate."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cases.c_export import replayed
+from cases.two_modes import rig, write
+
+import fopi_tune as ft
+from fopi_tune.proof.switched import recheck_system
+from fopi_tune.proof.switched.documents import from_document, to_document
+from fopi_tune.report.system_page import system_report_files
+
+APART = "to_fan_above: 0.5\nto_heater_below: 0.1\ninactive: reset"
+ABSOLUTE = "to_fan_above: {absolute: 8.4}\nto_heater_below: -0.2"
+COASTING = "to_fan_above: 0.6\nto_heater_below: -0.4\ncoast: true\ncoast_below: 0.1\ninactive: tracking"
+TURNS = {"apart": APART, "absolute": ABSOLUTE, "coasting": COASTING}
+MORE = "limits: [{switch_count: {at_most: 30}}]\nvalidation: {samples: 60, seed: 2}"
+each_kind = pytest.mark.parametrize("turns", TURNS.values(), ids=TURNS)
+needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not found")
+
+
+@each_kind
+def test_samples_and_continuous_time_change_modes_on_the_lines(tmp_path: Path, turns: str) -> None:
+    system = rig(tmp_path, turns=turns, more=MORE)
+    sampled, exact = (ft.simulate_system(system, exact=exact).driven[0] for exact in (False, True))
+    lines = system.lines
+    for driven in (sampled, exact):
+        t = driven.traces
+        r, y, mode = (np.asarray(row).ravel() for row in (driven.reference, t.measured, t.mode))
+        begins = np.flatnonzero(np.diff(mode)) + 1
+        assert len(begins) > 1
+        # stored times of the inclusion lie up to 0.01 s behind a jump, in which y moves by less than this
+        room = 1e-9 if driven is sampled else 0.1
+        for k in begins:
+            if mode[k] == 2:
+                assert y[k] >= lines.up.level(r[k]) - room
+            elif mode[k] == 1:
+                assert y[k] <= lines.down.level(r[k]) + room
+            else:
+                left = lines.coast_above if mode[k - 1] == 1 else lines.coast_below
+                assert left is not None
+                assert (y[k] - left.level(r[k])) * (1.0 if mode[k - 1] == 1 else -1.0) >= -room
+    assert (sampled.traces.mode == 0).any() == lines.coasts
+    assert sampled.measures["switch_count"] >= 2
+
+
+@each_kind
+def test_drawn_plants_are_replayed_alone(tmp_path: Path, turns: str) -> None:
+    system = rig(tmp_path, turns=turns, more=MORE)
+    found = ft.validate_system(system).to_dict()
+    (fraction,) = found["scenarios"][0]["limits"]
+    assert fraction["of"] == 60 if "of" in fraction else True
+    assert ft.simulate_system(system, replay=7).index == 7
+
+
+@needs_gcc
+@each_kind
+def test_the_code_meets_its_vectors_and_its_description(tmp_path: Path, turns: str) -> None:
+    made = ft.discretize_system(write(tmp_path, turns=turns))
+    done = replayed(made.code(), tmp_path / "c", "gcc")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = made.to_dict()
+    assert "hysteresis" not in found
+    words = set(made.spec.lines.named("heater", "fan"))
+    assert set(found["thresholds"]) == words
+
+
+@each_kind
+def test_a_certificate_says_what_it_does_not_model(tmp_path: Path, turns: str) -> None:
+    system = rig(tmp_path, turns=turns)
+    certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate
+    assert certificate.verdict.value == "undecided"
+    coasts = system.lines.coasts
+    assert certificate.reason.startswith("coasting is not" if coasts else "lines other than those of a hysteresis")
+    assert (certificate.bounded is None) == coasts
+    document = json.loads(json.dumps(to_document(certificate)))
+    again = from_document(document)
+    assert again.model == certificate.model
+    gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
+    assert recheck_system(again, system, gains).accepted
+    other = rig(tmp_path, turns=turns.replace("-0.", "-0.1").replace("below: 0.1", "below: 0.05"))
+    assert not recheck_system(again, other, gains).accepted
+    page = system_report_files(certificate, "K")["system_report.html"]
+    assert isinstance(page, str)
+    assert "to_fan_above" in page
+
+
+def test_the_lines_are_told(tmp_path: Path) -> None:
+    from fopi_tune.report.text.system_digital import system_digital_text
+
+    text = " ".join(system_digital_text(ft.discretize_system(write(tmp_path, turns=COASTING))).plain.split())
+    assert "fan from the setpoint + 0.6 on, heater from the setpoint - 0.4 on" in text.replace("\u00a0", " ")
+    assert "heater rests from the setpoint + 0 on, fan from the setpoint + 0.1 on" in text.replace("\u00a0", " ")

@@ -1,0 +1,119 @@
+"""Separate lines and coasting on samples: the compiled simulation against the plain one, and what a run must show."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.loops import Plants
+from fopi_tune.core.switching_lines import SwitchingLines, Threshold
+from fopi_tune.simulation.measures import measures_of
+from fopi_tune.simulation.sampled.simulate import measure, simulate
+from fopi_tune.simulation.scenario import (
+    Actuator,
+    Horizon,
+    Hybrid,
+    InactiveController,
+    InitialInput,
+    Mode,
+    Scenario,
+    Sensor,
+    Signals,
+    Start,
+)
+from tests.simulation.sampled.test_simulate_rate import TS, assert_same, made, plainly
+
+#: s at each setpoint
+STEPS = 120
+LEVELS = np.repeat([18.0, 6.0, 10.0], STEPS // 3)
+RELATIVE = SwitchingLines(Threshold(1.5), Threshold(0.25))
+MIXED = SwitchingLines(Threshold(17.0, True), Threshold(-0.5))
+COASTING = SwitchingLines(Threshold(0.8), Threshold(-0.6), Threshold(0.0), Threshold(0.1))
+COASTING_MIXED = SwitchingLines(Threshold(18.5, True), Threshold(-1.0), Threshold(18.2, True), Threshold(-0.5))
+PLANTS = 10
+
+
+def modes(rates: tuple[float | None, float | None] = (None, None)) -> list[Mode]:
+    rng = np.random.default_rng(1)
+    raising = Plants(
+        rng.uniform(4.0, 5.0, (PLANTS, 1)), np.c_[np.ones(PLANTS), rng.uniform(0.1, 0.3, PLANTS)], np.zeros(PLANTS)
+    )
+    lowering = Plants(np.ones((PLANTS, 1)), np.c_[rng.uniform(1.6, 3.1, PLANTS), np.ones(PLANTS)], np.zeros(PLANTS))
+    one = made(FoPi(0.09, 0.025, 0.8), (0.0, 1.0), rates[0])
+    two = made(FoPi(0.07, 0.11, 0.45), (-1.0, 0.0), rates[1], 5)
+    return [Mode(one, raising), Mode(two, lowering)]
+
+
+def driven(lines: SwitchingLines | float, inactive: InactiveController, dwell: int = 0) -> Scenario:
+    hybrid = Hybrid(lines, inactive, most_switches=3, window_s=2.0, min_dwell_samples=dwell)
+    start = Start(12.0, InitialInput.FREE)
+    return Scenario(
+        TS, Signals(LEVELS, np.sin(0.1 * np.arange(STEPS))), Sensor(0.01, 0.05, 4), start=start, hybrid=hybrid
+    )
+
+
+@pytest.mark.parametrize("inactive", list(InactiveController))
+@pytest.mark.parametrize("lines", [RELATIVE, MIXED, COASTING, COASTING_MIXED], ids=["r", "m", "coast", "coast-mixed"])
+def test_the_compiled_run_takes_the_same_turns(lines: SwitchingLines, inactive: InactiveController) -> None:
+    for dwell, rates in ((0, (None, None)), (4, (0.4, None)), (0, (0.5, 0.3))):
+        both, scenario = modes(rates), driven(lines, inactive, dwell)
+        found = simulate(both, scenario)
+        assert_same(found, plainly(both, scenario))
+        states = set(np.unique(found.mode))
+        assert states == ({0, 1, 2} if lines.coasts else {1, 2})
+
+
+@pytest.mark.parametrize("inactive", list(InactiveController))
+def test_with_a_rate_of_the_actuator_and_a_delay_too(inactive: InactiveController) -> None:
+    actuator = Actuator(0.7, 1.5)
+    scenario = dataclasses.replace(driven(COASTING, inactive), actuator=actuator)
+    both = modes((0.5, None))
+    assert_same(simulate(both, scenario), plainly(both, scenario))
+
+
+@pytest.mark.parametrize("inactive", list(InactiveController))
+def test_a_hysteresis_is_two_relative_lines_with_the_same_bits(inactive: InactiveController) -> None:
+    one = simulate(modes(), driven(0.3, inactive))
+    two = simulate(modes(), driven(SwitchingLines(Threshold(0.3), Threshold(-0.3)), inactive))
+    for name in ("output", "demanded", "applied", "mode"):
+        assert np.array_equal(getattr(one, name), getattr(two, name)), name
+
+
+@pytest.mark.parametrize("lines", [COASTING, MIXED])
+def test_measures_are_those_of_the_traces(lines: SwitchingLines) -> None:
+    scenario, both = driven(lines, InactiveController.HOLD), modes()
+    horizon = Horizon(0.2, 5)
+    found, expected = (
+        measure(both, scenario, horizon),
+        measures_of(simulate(both, scenario), [mode.controller for mode in both], scenario, horizon),
+    )
+    for field in dataclasses.fields(expected):
+        np.testing.assert_allclose(
+            getattr(found, field.name), getattr(expected, field.name), rtol=1e-9, err_msg=field.name
+        )
+    assert (expected.saturated_s > 0.0).any()
+
+
+def test_both_outputs_rest_while_coasting() -> None:
+    found = simulate(modes(), driven(COASTING, InactiveController.HOLD))
+    resting = found.mode == 0
+    assert resting.any()
+    assert np.all(found.demanded[resting] == 0.0)
+    assert np.all(found.applied[resting] == 0.0)
+
+
+def test_a_held_memory_continues_after_coasting() -> None:
+    # with memories that are reset a mode that is entered begins with its direct part alone
+    held, reset = (
+        simulate(modes(), driven(COASTING, each)) for each in (InactiveController.HOLD, InactiveController.RESET)
+    )
+    entered = (reset.mode[:, 1:] == 1) & (reset.mode[:, :-1] == 0)
+    direct = modes()[0].controller.direct
+    expected = np.clip(direct * reset.error[:, 1:][entered], 0.0, 1.0)
+    np.testing.assert_allclose(reset.demanded[:, 1:][entered], expected, rtol=1e-12)
+    entered = (held.mode[:, 1:] == 1) & (held.mode[:, :-1] == 0)
+    differs = held.demanded[:, 1:][entered] - np.clip(direct * held.error[:, 1:][entered], 0.0, 1.0)
+    assert np.abs(differs).max() > 1e-3
