@@ -14,7 +14,8 @@ from fopi_tune.spec.validation import FileReader
 from fopi_tune.spec.yaml.hints import UNKNOWN_KEY, closest, unknown_word_message
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector
-from fopi_tune.study.language import ALL, CHECK, PlacedWord, StudyFile
+from fopi_tune.study.axes import CHECK
+from fopi_tune.study.language import ALL, PlacedWord, StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
 from fopi_tune.study.overrides import (
     NoSuchPathError,

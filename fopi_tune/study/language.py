@@ -8,34 +8,20 @@ from typing import Any
 
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
-from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, SequenceNode, kind_of
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark
-from fopi_tune.spec.yaml.records import Key, Record, Values, expect_mapping, refuse_foreign
+from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
+from fopi_tune.study.axes import CHECK, AnyValue, Axis, AxisValues, PathMapping
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
-from fopi_tune.study.overrides import PATH_PATTERN, Override, parse_path
+from fopi_tune.study.overrides import PATH_PATTERN
 
-#: paths that begin with this are overrides of the spec that the gains are checked against
-CHECK = "check."
 #: all entries of a registry
 ALL = "all"
 _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
 #: columns of every table
 _COLUMNS = ("cell", "spec", "entry", "outcome", "reason")
 _LARGEST_LIMIT = 10_000_000
-
-
-@dataclass(frozen=True)
-class Axis:
-    """Values for one path."""
-
-    path: str
-    mark: Mark
-    nodes: tuple[Node, ...]
-
-    def override(self, index: int) -> Override:
-        """The override with one of the values."""
-        return Override(self.path, self.mark, self.nodes[index])
 
 
 @dataclass(frozen=True)
@@ -64,71 +50,6 @@ class StudyFile:
     limit_cells: int
     claims: tuple[PlacedWord, ...]
     figures: tuple[PlacedWord, ...]
-
-
-@dataclass(frozen=True)
-class AnyValue(Shape):
-    """Any value; it is checked as part of the spec that it is put into."""
-
-    meaning: str
-
-    def read(self, place: Place) -> Node | None:
-        return None if isinstance(place.node, RejectedNode) else place.node
-
-    def json_schema(self) -> JsonSchema:
-        return {"description": self.meaning}
-
-
-@dataclass(frozen=True)
-class NonEmptyList(Shape):
-    """A list of at least one of anything; reads to its nodes."""
-
-    meaning: str
-
-    def read(self, place: Place) -> tuple[Node, ...] | None:
-        if not isinstance(place.node, SequenceNode):
-            place.refuse(
-                f"{kind_of(place.node)} is written where a list of values belongs; write [{_as_list_item(place)}]"
-            )
-            return None
-        if not place.node.nodes:
-            place.refuse("the list is empty; write at least one value, or remove the key")
-            return None
-        return None if any(isinstance(node, RejectedNode) for node in place.node.nodes) else place.node.nodes
-
-    def json_schema(self) -> JsonSchema:
-        return {"type": "array", "description": self.meaning, "minItems": 1}
-
-
-@dataclass(frozen=True)
-class PathMapping(Shape):
-    """A mapping from paths into the spec to values of one shape; reads to axes."""
-
-    meaning: str
-    shape: Shape
-
-    def read(self, place: Place) -> tuple[Axis, ...] | None:
-        if not expect_mapping(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
-            return None
-        assert isinstance(place.node, MappingNode)
-        axes: list[Axis] = []
-        for key, (mark, _) in place.node.entries.items():
-            if parse_path(key) is None or key == CHECK[:-1]:
-                message = "is no path into a spec; write one such as plant.time_constant_s.max or requirements[2].on"
-                place.collector.add(mark, place.child(key).path, message)
-                continue
-            found = self.shape.read(place.child(key))
-            if found is not None:
-                axes.append(Axis(key, mark, found if isinstance(found, tuple) else (found,)))
-        return tuple(axes) if len(axes) == len(place.node.entries) else None
-
-    def json_schema(self) -> JsonSchema:
-        return {
-            "type": "object",
-            "description": self.meaning,
-            "patternProperties": {f"^{PATH_PATTERN}$": self.shape.json_schema()},
-            "additionalProperties": False,
-        }
 
 
 @dataclass(frozen=True)
@@ -185,7 +106,7 @@ def study_shape() -> Record:
     """The shape of a whole file; reads to the sections' values."""
     path = Text("path from the study's folder")
     result = Text("path into a cell's result, such as tune.gains.kp", PATH_PATTERN, "write one such as tune.gains.kp")
-    values = PathMapping("paths into the spec, each with its values", NonEmptyList("values"))
+    values = PathMapping("paths into the spec, each with its values", AxisValues("values"))
     entry = WithPlace(Text("name of an entry"))
     columns = PlainOrMapping(ListOf("paths", result), ColumnMapping("names of columns, each with its path", result))
     limit = Number("more cells than this need --force", at_least=1, at_most=_LARGEST_LIMIT, whole=True)
@@ -330,7 +251,3 @@ def _collected(values: Values, place: Place) -> list[tuple[str, PlacedWord]]:
     else:
         places = [(where.item(index), path) for index, path in enumerate(given)]
     return [(place.path, PlacedWord(path, place.mark, place.path)) for place, path in places]
-
-
-def _as_list_item(place: Place) -> str:
-    return kind_of(place.node).strip("'") if not isinstance(place.node, MappingNode) else "{...}"
