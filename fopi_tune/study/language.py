@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,7 @@ from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
-from fopi_tune.study.axes import CHECK, AnyValue, Axis, AxisValues, PathMapping
+from fopi_tune.study.cells.axes import CHECK, AnyValue, Axis, AxisValues, PathMapping
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
 from fopi_tune.study.overrides import PATH_PATTERN
 
@@ -22,6 +23,8 @@ _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha
 #: columns of every table
 _COLUMNS = ("cell", "spec", "entry", "outcome", "reason")
 _LARGEST_LIMIT = 10_000_000
+#: overrides of a check that name gains, or their ranges
+_GAINS_OF_CHECK = re.compile(rf"{CHECK}(controller|system\.\w+\.(gains|spec\.controller))\b")
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def study_shape() -> Record:
         "schema": Key(Version("version of the language", SCHEMA_VERSION)),
         "name": Key(Text("name of the study and of its results' folder", NAME_PATTERN, NAME_RULE)),
         "description": Key(Text("one sentence for people"), required=False),
-        "specs": Key(ListOf("the specs that the cells are made of", WithPlace(path), 1), required=False),
+        "specs": Key(ListOf("the specs and systems that the cells are made of", WithPlace(path), 1), required=False),
         "cells": Key(
             ListOf("overrides, path to value, a cell each", PathMapping("a cell", AnyValue("value")), 1), False
         ),
@@ -221,8 +224,9 @@ def _refuse_overrides_without_effect(values: Values, place: Place) -> None:
             if outer is not None:
                 message = f"{outer.path}, which is put in later, replaces this; put it before, or into its value"
                 where.collector.add(axis.mark, where.child(axis.path).path, message)
-            if axis.path.startswith(f"{CHECK}controller"):
-                message = "the gains that are checked are those of the design; give values to controller itself"
+            if gains := _GAINS_OF_CHECK.match(axis.path):
+                itself = gains.group(1)
+                message = f"the gains that are checked are those of the design; give values to {itself} itself"
                 where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 

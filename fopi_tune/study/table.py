@@ -109,7 +109,7 @@ def collect_table(study: Study, results: Iterable[tuple[int, CellResult]]) -> St
             records += [{**common, **row, **reason} for row in claim_rows] or [{**common, **reason}]
             continue
         collected = (
-            {c.name: _table_value(value_at(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
+            {c.name: _table_value(value_at(document, c.path)) for c in study.collect} if cell.is_designed else {}
         )
         records.append({**common, **collected, **reason})
     columns = _columns(study, records)
@@ -142,7 +142,7 @@ def _columns(study: Study, records: Sequence[Mapping[str, Value]]) -> tuple[str,
 
 def _name_column(cell: Cell) -> str:
     """The column of a cell's name."""
-    return "spec" if cell.kind is Kind.SPEC else "entry"
+    return "spec" if cell.is_designed else "entry"
 
 
 def _table_value(value: Any) -> Value:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from fopi_tune.spec.yaml.composer import compose
 from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode
 from fopi_tune.spec.yaml.problems import ProblemCollector
-from fopi_tune.study.axes import AxisValues, PathMapping
+from fopi_tune.study.cells.axes import AxisValues, PathMapping
 from fopi_tune.study.overrides import plain_value
 
 SHAPE = AxisValues("values")
