@@ -98,15 +98,25 @@ def _make_cell(
     check = [Override(e.path[len(CHECK) :], e.mark, e.node) for e in overrides if e.path.startswith(CHECK)]
     checker = CellChecker(base, problems, cell)
     # in this order, so that an override applies to the result of the ones before it
-    tree, spec = checker.with_overrides(base.tree, design)
-    checked, checked_spec = checker.with_overrides(tree, check, design) if check and spec is not None else (tree, spec)
-    if spec is None or checked_spec is None or not checker.can_run(study.stages, overrides, spec, checked_spec):
+    made = checker.with_overrides(base.tree, design)
+    if made.spec is None:
         return cell
-    text, check_text = base.text(tree, spec), base.text(checked, checked_spec) if check else ""
-    files = base.files_of(spec, checked_spec)
+    checked = checker.with_overrides(made.tree, check, made.tree, design) if check else made
+    # numbers in place of expressions, in the order of the file
+    values = {each.path: plain_value(each.node) for each in made.overrides}
+    values |= {f"{CHECK}{each.path}": plain_value(each.node) for each in (checked.overrides if check else ())}
+    cell = replace(cell, overrides={path: values[path] for path in shown})
+    if checked.spec is None or not checker.can_run(study.stages, overrides, made.spec, checked.spec):
+        return cell
+    text = base.text(made.tree, made.spec)
     divided = base.kind is Kind.SPEC and Stage.VALIDATE in study.stages
-    draws = (checked_spec.validation or ValidationSpec()).samples if divided else 0
-    return replace(cell, text=text, check=check_text, files=files, draws=draws)
+    return replace(
+        cell,
+        text=text,
+        check=base.text(checked.tree, checked.spec) if check else "",
+        files=base.files_of(made.spec, checked.spec),
+        draws=(checked.spec.validation or ValidationSpec()).samples if divided else 0,
+    )
 
 
 def _chosen_names(wanted: Sequence[PlacedWord], known: Collection[str]) -> list[str]:

@@ -21,6 +21,8 @@ from fopi_tune.study.overrides import PATH_PATTERN, Override, parse_path
 
 #: paths that begin with this are overrides of the spec that the gains are checked against
 CHECK = "check."
+#: values that begin with this are computed from others
+EXPRESSION_SIGN = "="
 #: most values of one range; they are made before the cells are counted
 _MOST_STEPS = 100_000
 _RANGE_EXAMPLE = "{from: 1, to: 10, steps: 4}"
@@ -62,13 +64,15 @@ class AnyValue(Shape):
 
 @dataclass(frozen=True)
 class AxisValues(Shape):
-    """A list of at least one of anything, or a range in steps; reads to its nodes."""
+    """A list of at least one of anything, a range in steps, or one expression; reads to its nodes."""
 
     meaning: str
 
     def read(self, place: Place) -> tuple[Node, ...] | None:
         if isinstance(place.node, MappingNode) and any(place.has(key) for key in _RANGE_KEYS):
             return _range_in_steps().read(place)
+        if isinstance(place.node, ScalarNode) and place.node.text.startswith(EXPRESSION_SIGN):
+            return (place.node,)
         if not isinstance(place.node, SequenceNode):
             written = kind_of(place.node)
             inside = "{...}" if isinstance(place.node, MappingNode) else written.strip("'")
@@ -83,7 +87,8 @@ class AxisValues(Shape):
 
     def json_schema(self) -> JsonSchema:
         listed = {"type": "array", "description": self.meaning, "items": {}, "minItems": 1}
-        return {"anyOf": [listed, _range_in_steps().json_schema()]}
+        expression = {"type": "string", "pattern": f"^{EXPRESSION_SIGN}", "description": "one value that is computed"}
+        return {"anyOf": [listed, _range_in_steps().json_schema(), expression]}
 
 
 @dataclass(frozen=True)

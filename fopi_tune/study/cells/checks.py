@@ -12,6 +12,7 @@ from fopi_tune.spec.yaml.hints import UNKNOWN_KEY, closest
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.study.cells.bases import BaseSpec, Spec
+from fopi_tune.study.cells.expressions import with_values
 from fopi_tune.study.cells.systems import IN_MODE_SPEC, UNREAD, ModeSpecError
 from fopi_tune.study.model import Cell, Stage
 from fopi_tune.study.overrides import NoSuchPathError, Override, apply_override, parse_path
@@ -43,6 +44,21 @@ class CellProblems:
 
 
 @dataclass(frozen=True)
+class CheckedCell:
+    """A tree with overrides.
+
+    Args:
+        tree: with them.
+        spec: what it says; None where problems were reported.
+        overrides: with numbers in place of expressions.
+    """
+
+    tree: Node
+    spec: Spec | None
+    overrides: Sequence[Override]
+
+
+@dataclass(frozen=True)
 class CellChecker:
     """Checks one cell.  A problem is reported in the study file if an override causes it, else in the base's file."""
 
@@ -51,23 +67,36 @@ class CellChecker:
     cell: Cell
 
     def with_overrides(
-        self, tree: Node, overrides: Sequence[Override], before: Sequence[Override] = ()
-    ) -> tuple[Node, Spec | None]:
-        """The tree with the overrides and what it says, or None after reporting problems."""
+        self, tree: Node, overrides: Sequence[Override], design: Node | None = None, before: Sequence[Override] = ()
+    ) -> CheckedCell:
+        """The tree with the overrides and what it says, or None after reporting problems.
+
+        Args:
+            tree: of the base, or of the design.
+            overrides: put in one after the other; then expressions among them are computed.
+            design: the tree of the design, for expressions of a check.
+            before: overrides that `tree` has already.
+        """
         for override in overrides:
             try:
                 _refuse_unread(override)
                 tree = self.base.with_specs(apply_override(tree, override))
             except NoSuchPathError as error:
                 self.report_override(override, str(error))
-                return tree, None
+                return CheckedCell(tree, None, overrides)
             except ModeSpecError as error:
                 self.report_override(override, error.message)
-                return tree, None
+                return CheckedCell(tree, None, overrides)
+        tree, overrides, wrong = with_values(tree, overrides, design)
+        for problem in wrong:
+            blamed = next(each for each in overrides if _within(problem.path, each.path))
+            self.report_override(blamed, problem.message, problem.mark)
+        if wrong:
+            return CheckedCell(tree, None, overrides)
         spec, found = self.base.read_tree(tree)
         for problem in found:
             self._report(problem, [*overrides, *before])
-        return tree, spec
+        return CheckedCell(tree, spec, overrides)
 
     def can_run(self, stages: Sequence[Stage], overrides: Sequence[Override], spec: Spec, checked: Spec) -> bool:
         """Whether the stages can be run on the spec or system; reports if not."""
