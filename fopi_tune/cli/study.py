@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,6 +44,7 @@ class _StudyOptions:
     progress: ProgressStyle
     resume: bool
     retry_failed: bool
+    only_failed: bool
 
     def folder(self, study: Study) -> Path:
         """The folder of the ledger and the tables."""
@@ -72,6 +73,9 @@ def study(
         bool, typer.Option("--resume", help="Go on, and refuse where there is nothing yet; going on is the default.")
     ] = False,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cells again that failed.")] = False,
+    only_failed: Annotated[
+        bool, typer.Option("--only-failed", help="Print the rows of failed cells alone; files have all rows.")
+    ] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write the table as Parquet, too; needs pyarrow.")] = False,
     progress: Annotated[
         ProgressStyle, typer.Option(help="What is shown on stderr while cells run.")
@@ -94,7 +98,7 @@ def study(
         raise bad_input("there is no STUDY to run; name a study file, or a folder with --status")
     if workers is not None and scheduler is not None:
         raise bad_input("--workers are of this machine, --scheduler has its own; leave one of them out")
-    options = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed)
+    options = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed, only_failed)
     try:
         loaded = _load_study(file, force, options)
         if dry_run:
@@ -153,12 +157,13 @@ def _run_study(loaded: Study, machines: Machines, options: _StudyOptions) -> Exi
         )
     code = _write_files(result, folder, options)
     _print_failures(result, options)
+    shown = replace(result, table=result.table.only_failed()) if options.only_failed else result
     if options.as_json:
-        code = max(code, print_out(to_json(_document(result))))
+        code = max(code, print_out(to_json(_document(shown))))
     else:
         from fopi_tune.report import study_text
 
-        code = max(code, print_styled(study_text(result, str(folder / TABLE))))
+        code = max(code, print_styled(study_text(shown, str(folder / TABLE))))
     decided = not result.counts.failed and not result.table.undecided
     return max(code, Exit.MET if decided else Exit.TOOL_FAILED)
 

@@ -2,40 +2,29 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
-from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, RejectedNode, SequenceNode, kind_of
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark
-from fopi_tune.spec.yaml.records import Key, Record, Values, expect_mapping, refuse_foreign
+from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
+from fopi_tune.study.cells.axes import CHECK, AnyValue, Axis, AxisValues, PathMapping
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
-from fopi_tune.study.overrides import PATH_PATTERN, Override, parse_path
+from fopi_tune.study.overrides import PATH_PATTERN
 
-#: paths that begin with this are overrides of the spec that the gains are checked against
-CHECK = "check."
 #: all entries of a registry
 ALL = "all"
 _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
 #: columns of every table
 _COLUMNS = ("cell", "spec", "entry", "outcome", "reason")
 _LARGEST_LIMIT = 10_000_000
-
-
-@dataclass(frozen=True)
-class Axis:
-    """Values for one path."""
-
-    path: str
-    mark: Mark
-    nodes: tuple[Node, ...]
-
-    def override(self, index: int) -> Override:
-        """The override with one of the values."""
-        return Override(self.path, self.mark, self.nodes[index])
+#: overrides of a check that name gains, or their ranges
+_GAINS_OF_CHECK = re.compile(rf"{CHECK}(controller|system\.\w+\.(gains|spec\.controller))\b")
 
 
 @dataclass(frozen=True)
@@ -64,71 +53,6 @@ class StudyFile:
     limit_cells: int
     claims: tuple[PlacedWord, ...]
     figures: tuple[PlacedWord, ...]
-
-
-@dataclass(frozen=True)
-class AnyValue(Shape):
-    """Any value; it is checked as part of the spec that it is put into."""
-
-    meaning: str
-
-    def read(self, place: Place) -> Node | None:
-        return None if isinstance(place.node, RejectedNode) else place.node
-
-    def json_schema(self) -> JsonSchema:
-        return {"description": self.meaning}
-
-
-@dataclass(frozen=True)
-class NonEmptyList(Shape):
-    """A list of at least one of anything; reads to its nodes."""
-
-    meaning: str
-
-    def read(self, place: Place) -> tuple[Node, ...] | None:
-        if not isinstance(place.node, SequenceNode):
-            place.refuse(
-                f"{kind_of(place.node)} is written where a list of values belongs; write [{_as_list_item(place)}]"
-            )
-            return None
-        if not place.node.nodes:
-            place.refuse("the list is empty; write at least one value, or remove the key")
-            return None
-        return None if any(isinstance(node, RejectedNode) for node in place.node.nodes) else place.node.nodes
-
-    def json_schema(self) -> JsonSchema:
-        return {"type": "array", "description": self.meaning, "minItems": 1}
-
-
-@dataclass(frozen=True)
-class PathMapping(Shape):
-    """A mapping from paths into the spec to values of one shape; reads to axes."""
-
-    meaning: str
-    shape: Shape
-
-    def read(self, place: Place) -> tuple[Axis, ...] | None:
-        if not expect_mapping(place, "{plant.time_constant_s.max: [2.5, 3.1]}"):
-            return None
-        assert isinstance(place.node, MappingNode)
-        axes: list[Axis] = []
-        for key, (mark, _) in place.node.entries.items():
-            if parse_path(key) is None or key == CHECK[:-1]:
-                message = "is no path into a spec; write one such as plant.time_constant_s.max or requirements[2].on"
-                place.collector.add(mark, place.child(key).path, message)
-                continue
-            found = self.shape.read(place.child(key))
-            if found is not None:
-                axes.append(Axis(key, mark, found if isinstance(found, tuple) else (found,)))
-        return tuple(axes) if len(axes) == len(place.node.entries) else None
-
-    def json_schema(self) -> JsonSchema:
-        return {
-            "type": "object",
-            "description": self.meaning,
-            "patternProperties": {f"^{PATH_PATTERN}$": self.shape.json_schema()},
-            "additionalProperties": False,
-        }
 
 
 @dataclass(frozen=True)
@@ -185,7 +109,7 @@ def study_shape() -> Record:
     """The shape of a whole file; reads to the sections' values."""
     path = Text("path from the study's folder")
     result = Text("path into a cell's result, such as tune.gains.kp", PATH_PATTERN, "write one such as tune.gains.kp")
-    values = PathMapping("paths into the spec, each with its values", NonEmptyList("values"))
+    values = PathMapping("paths into the spec, each with its values", AxisValues("values"))
     entry = WithPlace(Text("name of an entry"))
     columns = PlainOrMapping(ListOf("paths", result), ColumnMapping("names of columns, each with its path", result))
     limit = Number("more cells than this need --force", at_least=1, at_most=_LARGEST_LIMIT, whole=True)
@@ -193,7 +117,7 @@ def study_shape() -> Record:
         "schema": Key(Version("version of the language", SCHEMA_VERSION)),
         "name": Key(Text("name of the study and of its results' folder", NAME_PATTERN, NAME_RULE)),
         "description": Key(Text("one sentence for people"), required=False),
-        "specs": Key(ListOf("the specs that the cells are made of", WithPlace(path), 1), required=False),
+        "specs": Key(ListOf("the specs and systems that the cells are made of", WithPlace(path), 1), required=False),
         "cells": Key(
             ListOf("overrides, path to value, a cell each", PathMapping("a cell", AnyValue("value")), 1), False
         ),
@@ -300,8 +224,9 @@ def _refuse_overrides_without_effect(values: Values, place: Place) -> None:
             if outer is not None:
                 message = f"{outer.path}, which is put in later, replaces this; put it before, or into its value"
                 where.collector.add(axis.mark, where.child(axis.path).path, message)
-            if axis.path.startswith(f"{CHECK}controller"):
-                message = "the gains that are checked are those of the design; give values to controller itself"
+            if gains := _GAINS_OF_CHECK.match(axis.path):
+                itself = gains.group(1)
+                message = f"the gains that are checked are those of the design; give values to {itself} itself"
                 where.collector.add(axis.mark, where.child(axis.path).path, message)
 
 
@@ -330,7 +255,3 @@ def _collected(values: Values, place: Place) -> list[tuple[str, PlacedWord]]:
     else:
         places = [(where.item(index), path) for index, path in enumerate(given)]
     return [(place.path, PlacedWord(path, place.mark, place.path)) for place, path in places]
-
-
-def _as_list_item(place: Place) -> str:
-    return kind_of(place.node).strip("'") if not isinstance(place.node, MappingNode) else "{...}"

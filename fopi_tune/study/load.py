@@ -12,7 +12,10 @@ from fopi_tune.errors import DomainError, Problem, SpecError
 from fopi_tune.spec import load_document
 from fopi_tune.spec.language import SCHEMA_VERSION
 from fopi_tune.spec.load import folder_reader
-from fopi_tune.study.expand import BaseSpec, count_cells, expand
+from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.study.cells.bases import BaseSpec
+from fopi_tune.study.cells.systems import DocumentLoader, ModeSpecError
+from fopi_tune.study.expand import count_cells, expand
 from fopi_tune.study.language import StudyFile, read_study, study_shape
 from fopi_tune.study.model import Study
 from fopi_tune.study.registry import REGISTRY, entry_names
@@ -71,11 +74,27 @@ def _bases(study: StudyFile) -> list[BaseSpec]:
             problems += [replace(where, message=f"{where.message} {problem}") for problem in error.problems]
             continue
         problems += place.collector.problems
-        # cells that name the same file read it once
-        found.append(BaseSpec(path, place.node, cache(folder_reader(path))))
+        try:
+            # cells that name the same file read it once
+            found.append(BaseSpec.of(path, place.node, cache(folder_reader(path)), _documents_beside(path)))
+        except ModeSpecError as error:
+            problems.append(Problem(path, error.mark.line, error.mark.column, error.path, error.message))
     if problems:
         raise SpecError(tuple(problems))
     return found
+
+
+def _documents_beside(path: str) -> DocumentLoader:
+    """Reads documents by their paths from a file's folder, each once."""
+
+    @cache
+    def load(name: str) -> Place:
+        place, _ = load_document(os.path.join(os.path.dirname(path), name))
+        if place.collector.problems:
+            raise place.collector.error()
+        return place
+
+    return load
 
 
 def study_json_schema() -> dict[str, Any]:

@@ -20,6 +20,7 @@ class Stage(StrEnum):
     TUNE = "tune"
     PROVE = "prove"
     DISCRETIZE = "discretize"
+    SIMULATE = "simulate"
     VALIDATE = "validate"
 
 
@@ -36,6 +37,7 @@ class Kind(StrEnum):
     """What a cell is."""
 
     SPEC = "spec"
+    SYSTEM = "system"
     CLAIM = "claim"
     FIGURE = "figure"
 
@@ -59,15 +61,15 @@ class Cell:
 
     Args:
         index: its place in the study, from 0.
-        kind: a spec, or an entry of a registry.
-        name: of the base spec, or of the entry.
+        kind: a spec, a system, or an entry of a registry.
+        name: of the base spec or system, or of the entry.
         overrides: path to value, as in the study file; they distinguish the cell.
-        text: the spec as canonical JSON (which is YAML); of an entry, its registry.
+        text: the spec as canonical JSON (which is YAML), a system with its modes' specs; of an entry, its registry.
         check: the spec that the gains are proved, discretised and validated against; empty: `text` itself.
         base: the spec whose gains are polished beside a coarser scan; empty: none.
         stages: what is run, in order.
         files: names and contents of the files that the specs name.
-        draws: plants that the stage `validate` draws.
+        draws: plants that the stage `validate` draws and that may be divided among workers; 0 of a system.
     """
 
     index: int
@@ -84,10 +86,15 @@ class Cell:
     def key(self, versions: Mapping[str, str]) -> str:
         """SHA-256 of everything that a cell's result depends on."""
         # an entry of a registry is named; a spec's name is in its text
-        name = "" if self.kind is Kind.SPEC else self.name
+        name = "" if self.is_designed else self.name
         files = [(file, hashlib.sha256(content).hexdigest()) for file, content in self.files]
         content = [self.kind, name, self.text, self.check, self.base, self.stages, files, dict(versions)]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def is_designed(self) -> bool:
+        """Whether it is a spec or a system, with stages, and no entry of a registry."""
+        return self.kind in (Kind.SPEC, Kind.SYSTEM)
 
     @property
     def label(self) -> str:

@@ -156,6 +156,16 @@ def spec_from_text(text: str, name: str = "<cell>", files: Files = ()) -> Design
     return spec
 
 
-def spec_from_tree(tree: Node, collector: ProblemCollector, read: FileReader, sha256: str = "") -> DesignSpec | None:
-    """The spec of a tree, or None after reporting its problems; `read` reads the files that it names."""
-    return read_spec(Place(tree, "", collector), sha256, read)
+def spec_from_tree(
+    tree: Node, collector: ProblemCollector, read: FileReader, sha256: str = "", path: str = ""
+) -> DesignSpec | None:
+    """The spec of a tree, or None after reporting its problems.
+
+    Args:
+        tree: of the spec.
+        collector: of its problems.
+        read: reads the files that it names.
+        sha256: of its text.
+        path: of the spec in a larger document, before the paths of its problems.
+    """
+    return read_spec(Place(tree, path, collector), sha256, read)

@@ -10,8 +10,8 @@ import base64
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any
 
@@ -21,6 +21,8 @@ from fopi_tune.study.overrides import parse_path
 from fopi_tune.study.worker import CellResult
 
 Value = float | int | str | bool | None
+#: of a column of whole numbers in Parquet, of 64 bits
+_LARGEST_WHOLE = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,9 @@ class StudyTable:
         return text.getvalue()
 
     def to_parquet(self) -> bytes:
-        """The table as Parquet; a column with text and numbers is text.
+        """The table as Parquet: columns of whole numbers, numbers, booleans or text.
+
+        A column with numbers and text is two: its numbers, and its text in the column of its name and `_text`.
 
         Raises:
             DomainError: pyarrow is not installed.
@@ -60,12 +64,18 @@ class StudyTable:
         require_parquet()
         pa, pq = import_module("pyarrow"), import_module("pyarrow.parquet")
 
-        columns = [_single_type([row[i] for row in self.rows]) for i in range(len(self.columns))]
-        types = [_arrow_type(pa, column) for column in columns]
-        arrays = [pa.array(column, type=kind) for column, kind in zip(columns, types, strict=True)]
+        typed: dict[str, list[Any]] = {}
+        for i, name in enumerate(self.columns):
+            typed |= _typed_columns(name, [row[i] for row in self.rows], {*self.columns, *typed})
+        arrays = [pa.array(column, type=_arrow_type(pa, column)) for column in typed.values()]
         sink = pa.BufferOutputStream()
-        pq.write_table(pa.Table.from_arrays(arrays, names=list(self.columns)), sink)
+        pq.write_table(pa.Table.from_arrays(arrays, names=list(typed)), sink)
         return sink.getvalue().to_pybytes()
+
+    def only_failed(self) -> StudyTable:
+        """The table with the rows of failed cells alone."""
+        outcome = self.columns.index("outcome")
+        return replace(self, claims=(), rows=tuple(row for row in self.rows if row[outcome] == "failed"))
 
     def to_dicts(self) -> list[dict[str, Value]]:
         """The rows for JSON."""
@@ -100,7 +110,7 @@ def collect_table(study: Study, results: Iterable[tuple[int, CellResult]]) -> St
         files |= document.get("files", {})
         files |= {name: base64.b64decode(text) for name, text in document.get("base64", {}).items()}
         common: dict[str, Value] = {"cell": index + 1, _name_column(cell): cell.name}
-        common |= {path: _table_value(value) for path, value in cell.overrides.items()}
+        common |= override_columns(cell)
         common["outcome"] = "failed" if result.failed else document.get("outcome", "failed")
         reason: dict[str, Value] = {"reason": result.reason or document.get("reason") or None}
         if cell.kind is Kind.CLAIM:
@@ -109,7 +119,7 @@ def collect_table(study: Study, results: Iterable[tuple[int, CellResult]]) -> St
             records += [{**common, **row, **reason} for row in claim_rows] or [{**common, **reason}]
             continue
         collected = (
-            {c.name: _table_value(value_at(document, c.path)) for c in study.collect} if cell.kind is Kind.SPEC else {}
+            {c.name: _table_value(value_at(document, c.path)) for c in study.collect} if cell.is_designed else {}
         )
         records.append({**common, **collected, **reason})
     columns = _columns(study, records)
@@ -134,15 +144,29 @@ def _columns(study: Study, records: Sequence[Mapping[str, Value]]) -> tuple[str,
     """Names of the columns: cell, spec or entry, overrides, outcome, collected values, reason."""
     cells: Sequence[Cell] = study.cells
     names = dict.fromkeys(["cell", *(_name_column(cell) for cell in cells)])
-    names |= dict.fromkeys(path for cell in cells for path in cell.overrides)
+    names |= dict.fromkeys(path for cell in cells for path in override_columns(cell))
     names |= dict.fromkeys(["outcome", *(c.name for c in study.collect)])
     names |= dict.fromkeys(name for record in records for name in record if name != "reason")
     return (*names, "reason")
 
 
+def override_columns(cell: Cell) -> dict[str, Value]:
+    """A cell's overrides as columns; a mapping gives columns of its parts, named by their paths."""
+    found: dict[str, Value] = {}
+    for path, value in cell.overrides.items():
+        found |= _parts(path, value)
+    return found
+
+
+def _parts(path: str, value: object) -> dict[str, Value]:
+    if not isinstance(value, Mapping) or not value:
+        return {path: _table_value(value)}
+    return {name: part for key, inner in value.items() for name, part in _parts(f"{path}.{key}", inner).items()}
+
+
 def _name_column(cell: Cell) -> str:
     """The column of a cell's name."""
-    return "spec" if cell.kind is Kind.SPEC else "entry"
+    return "spec" if cell.is_designed else "entry"
 
 
 def _table_value(value: Any) -> Value:
@@ -160,17 +184,25 @@ def _csv_field(value: Value) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def _single_type(column: Sequence[Value]) -> list[Any]:
-    """The column converted to a single type."""
+def _typed_columns(name: str, column: Sequence[Value], names: Collection[str]) -> dict[str, list[Any]]:
+    """A column as one of a single type, or as its numbers and its text; `names` are taken."""
     present = [value for value in column if value is not None]
-    if all(isinstance(value, bool) for value in present):
-        return list(column)
-    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in present)
-    if numbers and all(isinstance(value, int) for value in present):
-        return list(column)
-    if numbers:
-        return [None if value is None else float(value) for value in column]
-    return [None if value is None else _csv_field(value) for value in column]
+    numbers = [value for value in present if _is_number(value)]
+    if len(numbers) < len(present) and not all(isinstance(value, bool) for value in present):
+        text = [None if value is None or _is_number(value) else _csv_field(value) for value in column]
+        if not numbers:
+            return {name: text}
+        other = f"{name}_text"
+        while other in names:
+            other += "_"
+        return {**_typed_columns(name, [v if _is_number(v) else None for v in column], names), other: text}
+    if numbers and not all(isinstance(value, int) and abs(value) <= _LARGEST_WHOLE for value in numbers):
+        return {name: [None if value is None else float(value) for value in column]}
+    return {name: list(column)}
+
+
+def _is_number(value: Value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _arrow_type(pa: Any, column: Sequence[Any]) -> Any:

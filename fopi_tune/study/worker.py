@@ -19,6 +19,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import FopiError, SpecError
 from fopi_tune.pipeline.discretize import discretize
 from fopi_tune.pipeline.prove import prove
+from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.pipeline.validate import validate, validate_block
 from fopi_tune.proof import Verdict
@@ -29,6 +30,7 @@ from fopi_tune.spec.model import DesignSpec
 from fopi_tune.study.model import Cell, Kind, Stage
 from fopi_tune.study.overrides import Files, spec_from_text
 from fopi_tune.study.registry import entries, render_figure
+from fopi_tune.study.system_stages import run_system
 
 if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
 _MAX_BASES = 64
 _MAX_DESIGNS = 16
 #: statuses with which a cell goes on to its next stage
-SUCCESS_STATUSES = ("solved", "met")
+SUCCESS_STATUSES = ("solved", "met", "settles", "made")
 #: one cell at a time in a process: CasADi and the cached problems are not thread-safe
 _CELL_LOCK = threading.Lock()
 
@@ -176,6 +178,8 @@ def _run_sampled_stages(
     cell: Cell, spec: DesignSpec, gains: FoPi, blocks: Sequence[Block], document: dict[str, Any]
 ) -> str:
     """Run the stages about the sampled loop; returns draws that contradict a proof, in words."""
+    if Stage.SIMULATE in cell.stages:
+        document[Stage.SIMULATE] = simulate(spec, gains).to_dict()
     if Stage.VALIDATE in cell.stages:
         validated = validate(spec, gains, blocks=blocks)
         if Stage.DISCRETIZE in cell.stages:
@@ -196,6 +200,12 @@ def _set_outcome(cell: Cell, document: dict[str, Any]) -> None:
             return
 
 
+def _run_system(cell: Cell, document: dict[str, Any]) -> str:
+    if run_system(cell, document):
+        _set_outcome(cell, document)
+    return ""
+
+
 def _run_claim(cell: Cell, document: dict[str, Any]) -> str:
     document["rows"] = [asdict(row) for row in entries(cell.text, "CLAIMS")[cell.name]()]
     document["outcome"] = "computed"
@@ -213,6 +223,7 @@ def _run_figure(cell: Cell, document: dict[str, Any]) -> str:
 
 
 _RUN_BY_KIND: Mapping[Kind, Callable[[Cell, dict[str, Any]], str]] = {
+    Kind.SYSTEM: _run_system,
     Kind.CLAIM: _run_claim,
     Kind.FIGURE: _run_figure,
 }

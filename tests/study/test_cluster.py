@@ -19,6 +19,7 @@ from typing import Any
 import psutil
 import pytest
 from cases.project import CONTINUOUS, IMPORTED, ROOT
+from cases.two_modes import write
 
 from fopi_tune.study.ledger import read_ledger
 from fopi_tune.study.load import load_study
@@ -329,6 +330,27 @@ def test_a_scheduler_that_goes_away_ends_the_study_with_one_line(
     assert [line for line in said.splitlines() if not line.startswith("{")] == [
         "the scheduler is gone; what was done is kept: run the same command again"
     ]
+
+
+@pytest.mark.long
+def test_sixty_cells_of_a_system_killed_resumed_and_on_a_scheduler_have_the_same_bytes(
+    tmp_path: Path, scheduler: tuple[str, subprocess.Popen[Any]]
+) -> None:
+    write(tmp_path, more="limits: [{switch_count: {at_most: 9}}]\nvalidation: {samples: 400, seed: 3}")
+    file = tmp_path / "s.yaml"
+    file.write_text(
+        "schema: 1\nname: s\nspecs: [rig.yaml]\nstages: [simulate, validate]\ngrid:\n"
+        "  system.hysteresis: {from: 0.1, to: 0.5, steps: 5}\n"
+        "  system.fan.gains.kp: {from: 0.1, to: 0.4, steps: 4, scale: log}\n"
+        "  system.heater.spec.plant.time_constant_s.max: [6, 7, 8]\n"
+        "collect: ['simulate.scenarios[0].measures.iae', 'validate.scenarios[0].limits[0].met']\n",
+        encoding="utf-8",
+    )
+    whole = table_of(file, tmp_path / "whole", "0")
+    assert len(whole.splitlines()) == 61
+    assert killed_again_and_again(file, tmp_path / "out", 3, seed=7, longest_s=0.3) > 0
+    assert table_of(file, tmp_path / "out", "2") == whole
+    assert table_of(file, tmp_path / "remote", scheduler[0]) == whole
 
 
 def test_an_address_where_nothing_answers_is_bad_input(tmp_path: Path) -> None:

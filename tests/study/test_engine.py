@@ -347,9 +347,10 @@ def test_rows_have_overrides_outcome_columns_and_reason(folder: Path) -> None:
     text = "grid: {plant.time_constant_s: [{min: 1.6, nominal: 2.25, max: 3.1}, {min: 1, max: 9}]}\n"
     text += "collect: {kp: tune.gains.kp}\n"
     rows = records(run(study(text), folder / "out", HERE))
-    assert list(rows[0]) == ["cell", "spec", "plant.time_constant_s", "outcome", "kp", "reason"]
+    parts = [f"plant.time_constant_s.{part}" for part in ("min", "nominal", "max")]
+    assert list(rows[0]) == ["cell", "spec", *parts, "outcome", "kp", "reason"]
     assert [row["outcome"] for row in rows] == ["met", "infeasible"]
-    assert json.loads(rows[0]["plant.time_constant_s"]) == {"min": 1.6, "nominal": 2.25, "max": 3.1}
+    assert [[row[part] for part in parts] for row in rows] == [["1.6", "2.25", "3.1"], ["1", "", "9"]]
     assert float(rows[0]["kp"]) == 0.385
     assert rows[0]["reason"] == ""
     assert "do not meet it" in rows[1]["reason"]
@@ -386,9 +387,9 @@ def test_parquet_has_the_tables_values_and_types(folder: Path) -> None:
     assert data == run(study(text), folder / "out", HERE).table.to_parquet()
     back = pq.read_table(io.BytesIO(data))
     assert back.column_names == list(result.table.columns)
-    names = ("cell", "plant.time_constant_s", "digital.poles", "kp", "reason")
+    names = ("cell", "plant.time_constant_s", "plant.time_constant_s.min", "digital.poles", "kp", "reason")
     types = [str(back.schema.field(name).type) for name in names]
-    assert types == ["int64", "string", "int64", "double", "string"]
+    assert types == ["int64", "int64", "double", "int64", "double", "string"]
     assert back.column("kp").to_pylist() == [row[list(result.table.columns).index("kp")] for row in result.table.rows]
 
 

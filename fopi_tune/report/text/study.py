@@ -50,7 +50,9 @@ def study_text(result: StudyResult, file: str) -> Text:
     lines = [f"{result.study.name}: {', '.join(told)}."]
     for row in table.claims:
         lines += ["", *_claim(row)]
-    if any(cell.overrides or cell.stages for cell in result.study.cells):
+    if not table.rows and not counts.failed:
+        lines += ["", "No cell failed."]
+    elif any(cell.overrides or cell.stages for cell in result.study.cells):
         lines += ["", *_table(table, file)]
     return Text("\n".join(lines))
 
