@@ -16,7 +16,7 @@ from fopi_tune.core.plant import PlantFamily
 from fopi_tune.errors import DomainError
 from fopi_tune.results.simulation import JudgedStep, ScenarioResult
 from fopi_tune.simulation.notes import step_notes
-from fopi_tune.spec.measures import ACCELERATION, velocity_unit
+from fopi_tune.spec.measures import ACCELERATION, JERK, velocity_unit
 from fopi_tune.spec.model import MEASURES, Limit, Relation, ScenarioSpec, ValidationSpec
 
 if TYPE_CHECKING:
@@ -96,13 +96,18 @@ def continuous_result(
     A run that did not stay finite meets no limit; of one that ended early by chattering only the number of jumps so far
     is known, which can break a limit.
     """
-    result = scenario_result(scenario, found.reference, found.traces, (found.measures, found.steps), limits, unit)
+    judged = [limit for limit in limits if limit.measure != JERK]
+    result = scenario_result(scenario, found.reference, found.traces, (found.measures, found.steps), judged, unit)
+    known = {name: value for name, value in result.measures.items() if name != JERK}
+    result = replace(result, measures=known)
     if not found.measures.finite[0]:
         jumps = {"switch_count": float(len(found.switch_times_s))} if result.chattering else {}
         result = replace(result, measures={**result.measures, **jumps})
         verdicts = [(limit, _verdict_at_end(limit, result)) for limit, _ in result.limits]
         result = replace(result, limits=tuple(verdicts), steps=(), notes=())
     notes = list(result.notes)
+    if len(judged) < len(limits):
+        notes.append(f"{JERK} is a measure of samples; the limit on it is not judged in continuous time")
     if accuracy is not None and found.accuracy is not None and found.accuracy > accuracy:
         notes.append(
             f"an accuracy of {accuracy:g} was asked for, and {found.accuracy:.2g} reached with the finest steps"

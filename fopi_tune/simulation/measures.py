@@ -29,7 +29,7 @@ from fopi_tune.simulation.scenario import (
     Step,
     Traces,
 )
-from fopi_tune.spec.measures import ACCELERATION, PER_M_S, acceleration_problem, velocity_unit
+from fopi_tune.spec.measures import ACCELERATION, JERK, PER_M_S, acceleration_problem, velocity_unit
 from fopi_tune.spec.model import Knot, ScenarioSpec
 
 #: settling band as a share of a step, where the spec gives none
@@ -39,6 +39,7 @@ _SETTLED = 0.02
 MEASURE_VALUES: dict[str, Callable[[Measures], Array]] = {
     ACCELERATION: lambda found: found.peak_rate,
     "peak_rate_per_s": lambda found: found.peak_rate,
+    JERK: lambda found: found.peak_jerk,
     "overshoot": lambda found: found.overshoot,
     "undershoot": lambda found: found.undershoot,
     "settling_time_s": lambda found: found.settling_s,
@@ -185,6 +186,7 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
         peak_rate = np.abs(traces.rate[:, counted]).max(axis=1)
         # the rate after the last sample lies beyond the end
         peak_rate = np.maximum(peak_rate, np.abs(traces.rate_after[:, first:-1]).max(axis=1, initial=0.0))
+        peak_jerk = np.abs(np.diff(y, 2, axis=1)).max(axis=1, initial=0.0) / (Ts * Ts)
         steps = step_measures(traces, scenario, horizon)
         errors = np.where(np.isnan(steps.final_error), 0.0, steps.final_error)
         worst = np.abs(errors).argmax(axis=0)
@@ -194,6 +196,7 @@ def measures_of(traces: Traces, controllers: Sequence[Runtime], scenario: Scenar
 
         return Measures(
             peak_rate=known(peak_rate),
+            peak_jerk=known(peak_jerk),
             overshoot=known(steps.overshoot.max(axis=0)),
             undershoot=known(steps.undershoot.max(axis=0)),
             settling_s=np.where(finite, np.nanmax(steps.settling_s, axis=0), np.inf),

@@ -338,6 +338,7 @@ class Measures:
 
     Args:
         peak_rate: largest |dy/dt| just before and after the samples, and just after an input arrives between them.
+        peak_jerk: largest |y_k - 2 y_(k-1) + y_(k-2)|/Ts^2 of three samples that count; 0 where there are fewer.
         overshoot: largest y - value in the step's direction; negative when y stays short of it; without a step, largest
             |y - value|.  A step of the load goes on with the direction of the reference's last one.
         undershoot: largest before - y in the step's direction, at least 0: how far the output goes back beyond the
@@ -360,6 +361,7 @@ class Measures:
     """
 
     peak_rate: Array
+    peak_jerk: Array
     overshoot: Array
     undershoot: Array
     settling_s: Array

@@ -21,6 +21,7 @@ _WORDS: dict[str, str | None] = {
     "offset": "final_error",
     "itae": "iae",
     "acceleration": "acceleration_m_s2",
+    "jerk": "peak_jerk_per_s2",
     "saturation": "saturation_time_s",
     "max_control": "peak_control",
     "control_max": "peak_control",

@@ -26,6 +26,7 @@ MEASURES: dict[str, MeasureKind] = {
     for kind in (
         MeasureKind("acceleration_m_s2", "m/s^2", "peak_rate_per_s of a velocity: measurement_unit km/h, m/s or mph"),
         MeasureKind("peak_rate_per_s", "output unit per s", "largest |dy/dt| just before and after the samples"),
+        MeasureKind("peak_jerk_per_s2", "output unit per s^2", "largest second difference of the samples over Ts^2"),
         MeasureKind(
             "overshoot", "output unit", "how far the output goes beyond a step's setpoint in its direction; the worst"
         ),
@@ -49,6 +50,8 @@ MEASURES: dict[str, MeasureKind] = {
 DESIGNED_MEASURES = tuple(name for name in MEASURES if name not in ("saturation_time_s", "switch_count"))
 #: of these, the ones that are never negative; the output may end short of a setpoint, a negative overshoot
 NEVER_NEGATIVE = tuple(name for name in DESIGNED_MEASURES if name != "overshoot")
+#: the measure that only a loop on samples has: where an input jumps, dy/dt jumps too, and its slope has no bound
+JERK = "peak_jerk_per_s2"
 #: the measure that only a velocity has
 ACCELERATION = "acceleration_m_s2"
 #: unit of a velocity -> how many of it are 1 m/s; a mile is 1609.344 m

@@ -33,7 +33,7 @@ def found_for(
     modes, horizon = [Mode(runtime_of(gains), plants)], Horizon(0.1, first, tuple(steps))
     traces = simulate(modes, scenario)
     plain, compiled = measures_of(traces, [modes[0].controller], scenario, horizon), measure(modes, scenario, horizon)
-    for name in ("undershoot", "rise_s", "overshoot", "settling_s"):
+    for name in ("undershoot", "rise_s", "overshoot", "settling_s", "peak_jerk"):
         np.testing.assert_array_equal(getattr(compiled, name), getattr(plain, name), err_msg=name)
     return plain, step_measures(traces, scenario, horizon)
 
@@ -176,3 +176,14 @@ def test_an_output_that_does_not_stay_finite_never_rises() -> None:
     assert not found.finite[0]
     assert math.isnan(found.undershoot[0])
     assert found.rise_s[0] == math.inf
+
+
+def test_the_jerk_is_the_largest_second_difference_of_the_samples_that_count() -> None:
+    # y_k = r (1 - q^k):  y_k - 2 y_(k-1) + y_(k-2) = -r q^(k-2) (1 - q)^2
+    ratio = 1.0 - 4.0 * TS
+    scenario = Scenario(TS, Signals(np.full(STEPS, 3.0)))
+    for first in (0, 7):
+        found, _ = found_for(FoPi(4.0, 0.0, 1.0), INTEGRATOR, scenario, first=first)
+        assert found.peak_jerk[0] == pytest.approx(3.0 * ratio**first * (1.0 - ratio) ** 2 / TS**2, rel=1e-12)
+    for first in (STEPS - 2, STEPS - 1):
+        assert found_for(FoPi(4.0, 0.0, 1.0), INTEGRATOR, scenario, first=first)[0].peak_jerk[0] == 0.0

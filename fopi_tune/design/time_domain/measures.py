@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.simulation.scenario import Horizon, Scenario, Step
 from fopi_tune.simulation.sensitivities import Trajectories
-from fopi_tune.spec.measures import ACCELERATION
+from fopi_tune.spec.measures import ACCELERATION, JERK
 from fopi_tune.spec.model import ScenarioSpec
 
 #: share of a step's time at which a rise that does not end is counted, for each share of the step that is missing
@@ -120,6 +120,12 @@ def _rates(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     first = run.horizon.first
     # the rate after the last sample lies beyond the end
     return _both(np.concatenate([found.rate[:, first:], found.rate_after[:, first:-1]], axis=1))
+
+
+def _jerks(run: ScenarioRun, found: Trajectories, _: int) -> Points:
+    second = np.diff(found.output[:, run.horizon.first :], 2, axis=1) / run.run.sample_time_s**2
+    # of fewer than three samples there is none
+    return _both(second) if second.shape[1] else Points(np.zeros((len(second), 1)), np.zeros((len(second), 1, 3)))
 
 
 def _accelerations(run: ScenarioRun, found: Trajectories, _: int) -> Points:
@@ -256,6 +262,7 @@ def _rise(progress: Array, sample_time_s: float) -> Array:
 _POINTS: dict[str, Callable[[ScenarioRun, Trajectories, int], Points]] = {
     ACCELERATION: _accelerations,
     "peak_rate_per_s": _rates,
+    JERK: _jerks,
     "overshoot": _overshoots,
     "undershoot": _undershoots,
     "settling_time_s": _settling_points,

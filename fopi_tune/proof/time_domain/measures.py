@@ -23,11 +23,11 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.proof.time_domain.case import TimeDomainCase
 from fopi_tune.proof.time_domain.models import Model, delayed
 from fopi_tune.proof.time_domain.solution import Trajectory
-from fopi_tune.spec.measures import ACCELERATION
+from fopi_tune.spec.measures import ACCELERATION, JERK
 
 #: measures that can be proved; `undershoot` is the largest distance to which a step first goes the wrong way
 RATES = (ACCELERATION, "peak_rate_per_s")
-PROVABLE = (*RATES, "overshoot", "undershoot", "peak_control", "final_error", "settling_time_s", "iae", "ise")
+PROVABLE = (*RATES, JERK, "overshoot", "undershoot", "peak_control", "final_error", "settling_time_s", "iae", "ise")
 #: relative; above the rounding of a sum of two numbers
 _ROUNDING = 2.0**-50
 
@@ -58,6 +58,8 @@ def measure_range(case: TimeDomainCase, found: Trajectory) -> MeasureRange:
     measure = case.limit.measure
     if measure in RATES:
         return _largest_size(_rates(case, found))
+    if measure == JERK:
+        return _largest_size(_second_differences(case, found))
     if measure in ("overshoot", "undershoot"):
         return _at_least_0(measure, _largest(_beyond_steps(case, found)))
     if measure == "peak_control":
@@ -145,6 +147,15 @@ def _rates(case: TimeDomainCase, found: Trajectory) -> list[_Part]:
         perhaps = _samples(max(first - int(arrival.may_end), 0), count - 1)
         parts.append(_Part(rate, _samples(first, count - 1 - int(arrival.may_end)), perhaps))
     return parts
+
+
+def _second_differences(case: TimeDomainCase, found: Trajectory) -> list[_Part]:
+    """(y_k - 2 y_(k-1) + y_(k-2))/Ts^2, which an offset of the output is not part of; none of fewer than 3 samples."""
+    change = found.output - delayed(found.output, 1)
+    # the rounding of the factor is within that of `times`
+    second = (change - delayed(change, 1)).times(np.array([case.sample_time_s**-2]))
+    counted = _samples(case.horizon.first + 2, case.samples)
+    return [_Part(second, counted, counted)]
 
 
 def _at_least_0(measure: str, found: MeasureRange) -> MeasureRange:

@@ -23,6 +23,7 @@ from fopi_tune.proof.verification.results import MeasureResult, Place
 from fopi_tune.simulation.measures import horizon_of, measure_values, scenario_of
 from fopi_tune.simulation.sampled.simulate import measure, simulate
 from fopi_tune.simulation.scenario import Horizon, Mode, Scenario, Sensor, Traces
+from fopi_tune.spec.measures import JERK
 from fopi_tune.spec.model import DesignSpec, Limit, Relation, ScenarioSpec
 
 #: plants of the sample, beside the vertices: of one uncertain number, of more
@@ -179,6 +180,9 @@ def _time_of(name: str, traces: Traces, run: Scenario, horizon: Horizon) -> floa
             both = np.maximum(np.abs(traces.rate[0]), np.abs(traces.rate_after[0]))
             # the rate after the last sample lies beyond the end
             both[-1] = abs(traces.rate[0, -1])
+        elif name == JERK:
+            both = np.zeros(len(traces.time_s))
+            both[first + 2 :] = np.abs(np.diff(traces.output[0, first:], 2))
         elif name == "peak_control":
             both = np.abs(traces.applied[0])
         elif name in ("overshoot", "undershoot"):

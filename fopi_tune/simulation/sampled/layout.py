@@ -20,6 +20,7 @@ ALL_LANES = 2**WIDTH - 1
 RESULTS = (
     "peak_rate", "overshoot", "outside", "iae", "ise", "saturated", "peak_control", "switches", "longest_run",
     "chattering", "final_error", "finite", "begun", "settled", "step_error", "undershoot", "reached", "risen", "rise",
+    "peak_jerk",
 )  # fmt: skip
 #: traces, one row each
 TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", "rate_after")
@@ -28,15 +29,15 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", 
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
 #: output of the active and of the inactive controller, last error, excess u - v, switches in the window; of a rise the
 #: direction and the lanes that wait for its two levels, in three places, and y one sample before; whether the next
-#: sample is the controller's first; whether both outputs rest
+#: sample is the controller's first; whether both outputs rest; y and its change at the last sample that counts
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
-UNDERSHOOT, REACHED, RISEN, RISE = (WIDTH * i for i in range(15, 19))
-RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(19, 27))
+UNDERSHOOT, REACHED, RISEN, RISE, PEAK_JERK = (WIDTH * i for i in range(15, 20))
+RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (WIDTH * i for i in range(20, 28))
 OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES = (
-    WIDTH * i for i in range(27, 35)
+    WIDTH * i for i in range(28, 36)
 )
-RISING, RISING_OUTPUT, IS_NEW, COASTING, NOISE = (WIDTH * i for i in range(35, 40))
+RISING, RISING_OUTPUT, IS_NEW, COASTING, OUTPUT, CHANGE, NOISE = (WIDTH * i for i in range(36, 43))
 #: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed offset

@@ -19,6 +19,7 @@ from fopi_tune.simulation.sampled.layout import (
     BEFORE,
     BEGINS,
     BEGUN,
+    CHANGE,
     COASTING,
     CONTROL,
     DIRECTION,
@@ -34,9 +35,11 @@ from fopi_tune.simulation.sampled.layout import (
     OLD_ARRIVED_MODE,
     OLD_CONTROL,
     OLD_LOAD,
+    OUTPUT,
     OUTSIDE,
     OVERSHOOT,
     PEAK_CONTROL,
+    PEAK_JERK,
     PEAK_RATE,
     PREVIOUS_INPUT,
     REACHED,
@@ -121,6 +124,12 @@ def accumulate_measures(s, k, y, rate, reference, u, applied, settings, c, other
     """Add one sample to the measures."""
     store_maximum(s, PEAK_RATE, absolute(rate))
     store_maximum(s, PEAK_CONTROL, absolute(applied))
+    if k > settings.horizon:
+        change = y - load(s, OUTPUT)
+        if k > settings.horizon + 1:
+            store_maximum(s, PEAK_JERK, absolute(change - load(s, CHANGE)))
+        store(s, CHANGE, change)
+    store(s, OUTPUT, y)
     error = broadcast(reference) - y
     if k >= settings.judged:
         _judge_step(s, k, y, settings, steps)

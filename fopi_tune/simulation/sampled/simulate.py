@@ -348,9 +348,12 @@ def _measures(rows: Array, scenario: Scenario) -> Measures:
     lasted = np.where(outside >= steps - 1, np.inf, outside + 1.0 - found["begun"])
     settled = Ts * np.maximum(found["settled"], lasted)
     risen = found["risen"]
+    with np.errstate(over="ignore"):  # of outputs that are finite, but hardly
+        jerk = found["peak_jerk"] / (Ts * Ts)
     rise = Ts * np.maximum(found["rise"], risen - np.where(np.isinf(risen), 0.0, found["reached"]))
     return Measures(
         peak_rate=known(found["peak_rate"]),
+        peak_jerk=known(jerk),
         overshoot=known(found["overshoot"]),
         undershoot=known(found["undershoot"]),
         settling_s=np.where(finite, settled, np.inf),

@@ -108,6 +108,10 @@ OBJECTIVES = {
         "{minimize: peak_rate_per_s, scenario: step}",
         (PEAK, "{settling_time_s: {at_most: 12}, scenario: step}"),
     ),
+    "peak jerk": (
+        "{minimize: peak_jerk_per_s2, scenario: step}",
+        (PEAK, "{settling_time_s: {at_most: 12}, scenario: step}"),
+    ),
     "overshoot": ("{minimize: overshoot, scenario: step}", (PEAK, "{iae: {at_most: 2.0}, scenario: load}")),
     "peak control": ("{minimize: peak_control, scenario: step}", (PEAK, "{iae: {at_most: 2.0}, scenario: load}")),
     "rise time": ("{minimize: rise_time_s, scenario: step}", (PEAK, CALM)),
@@ -115,7 +119,7 @@ OBJECTIVES = {
     "undershoot": ("{minimize: undershoot, scenario: step}", (PEAK, "{iae: {at_most: 2.0}, scenario: load}")),
     "settling time": ("{minimize: settling_time_s, scenario: step}", (PEAK,)),
 }
-LONG = {"undershoot", "overshoot", "peak control", "settling time", "peak rate", "ise"}
+LONG = {"undershoot", "overshoot", "peak control", "settling time", "peak rate", "peak jerk", "ise"}
 
 
 @pytest.mark.thinned(2)

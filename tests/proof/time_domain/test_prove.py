@@ -51,7 +51,17 @@ def test_the_brake_keeps_its_acceleration_to_the_last_millionth() -> None:
 
 @pytest.mark.thinned(3)
 @pytest.mark.parametrize(
-    "name", ["overshoot", "peak_rate_per_s", "final_error", "settling_time_s", "iae", "ise", "peak_control"]
+    "name",
+    [
+        "overshoot",
+        "peak_rate_per_s",
+        "peak_jerk_per_s2",
+        "final_error",
+        "settling_time_s",
+        "iae",
+        "ise",
+        "peak_control",
+    ],
 )
 def test_saturated_loops_are_proved_sample_by_sample(name: str) -> None:
     case = at_most(saturated_throttle(), 1.0, name)

@@ -166,7 +166,7 @@ def test_an_output_that_does_not_stay_finite_misses_lower_limits_too() -> None:
     assert [result.is_met for result in checked(spec, FoPi(1e12, 1e12, 1.0)).measures] == [False, False]
 
 
-POINTWISE = ("acceleration_m_s2", "peak_rate_per_s", "overshoot", "undershoot", "peak_control")
+POINTWISE = ("acceleration_m_s2", "peak_rate_per_s", "peak_jerk_per_s2", "overshoot", "undershoot", "peak_control")
 
 
 @pytest.mark.thinned(2)
@@ -185,6 +185,7 @@ def test_the_time_is_when_the_worst_plant_has_the_value(measure: str) -> None:
     there = {
         "acceleration_m_s2": max(abs(traces.rate[0, k]), abs(traces.rate_after[0, k])),
         "peak_rate_per_s": max(abs(traces.rate[0, k]), abs(traces.rate_after[0, k])),
+        "peak_jerk_per_s2": abs(np.diff(traces.output[0], 2)[k - 2]) / 0.04,
         "overshoot": traces.output[0, k] - 1.0,
         "undershoot": -traces.output[0, k],
         "peak_control": abs(traces.applied[0, k]),
