@@ -20,7 +20,8 @@ class DomainError(FopiError, ValueError):
 class Problem:
     """One mistake in a spec file.
 
-    `line` and `column` count from 1; `path` is the key's place in the document ("plant.time_constant_s.min").
+    `line` and `column` count from 1, and are 0 in a spec that has no lines (`ft.spec`); `path` is the key's place in
+    the document ("plant.time_constant_s.min").
     """
 
     file: str
@@ -30,7 +31,7 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        where = f"{self.file}:{self.line}:{self.column}: "
+        where = f"{self.file}:{self.line}:{self.column}: " if self.line else f"{self.file}: "
         return where + (f"{self.path}: {self.message}" if self.path else self.message)
 
 

@@ -18,6 +18,8 @@ from typing import Any
 
 import pytest
 
+from fopi_tune.spec.python.requirements import RequirementWord
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "fopi_tune"
 MODULES = [
@@ -120,7 +122,10 @@ def test_what_is_public_is_counted() -> None:
     assert len(EXPORTED) >= 110
     assert len(FUNCTIONS) >= 130
     assert len(FIELDS) >= 200
-    assert set(importlib.import_module("fopi_tune").__all__) <= {name.rpartition(".")[2] for name in EXPORTED}
+    root = importlib.import_module("fopi_tune")
+    # words such as `phase_margin_deg` are objects of one class, which has its docstring
+    named = {name for name in root.__all__ if not isinstance(getattr(root, name), RequirementWord)}
+    assert named <= {name.rpartition(".")[2] for name in EXPORTED}
 
 
 @pytest.mark.parametrize("name", [*EXPORTED, *(name for name in FUNCTIONS if name not in EXPORTED)])

@@ -58,7 +58,7 @@ class OptimumProof:
         return sum(cover.leaves for cover in self.covers)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Optimum:
     """Optimality gap of given gains, or infeasibility of the spec.
 
@@ -97,6 +97,9 @@ class Optimum:
     proof: OptimumProof | None
     left_out: tuple[str, ...]
     reason: str
+
+    def __repr__(self) -> str:
+        return f"<Optimum of {self.name}: {self.status.value}, {self.boxes} boxes. {self.statement}>"
 
     @property
     def statement(self) -> str:

@@ -103,7 +103,7 @@ def _about(requirement: Requirement | Limit) -> dict[str, Any]:
     return {"on": requirement.scope.value, "from_rad_s": low, "to_rad_s": high}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tradeoff:
     """The objective against one limit, all else unchanged.
 
@@ -124,6 +124,12 @@ class Tradeoff:
     ends: tuple[FeasibleEnd, ...]
     objective_quantity: str
     stamp: Stamp
+
+    def __repr__(self) -> str:
+        return (
+            f"<Tradeoff of {self.spec.name}: {self.status}, {len(self.met)} of {len(self.points)} limits of "
+            f"{self.knob.quantity_name} are met; {self.objective_quantity}>"
+        )
 
     @property
     def status(self) -> str:

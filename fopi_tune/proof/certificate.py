@@ -201,7 +201,7 @@ class StabilityProof:
         return f"{self.reason}; {_BUDGET_SPENT}" if self.budget_spent else self.reason
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Certificate:
     """What is proved, refuted or undecided about gains and a spec.
 
@@ -229,6 +229,13 @@ class Certificate:
     scenarios: tuple[ScenarioProof, ...] = ()
     limited: LimitedLoop | None = None
     members: tuple[MemberCertificate, ...] = ()
+
+    def __repr__(self) -> str:
+        proved = sum(proof.verdict is Verdict.PROVED for proof in self.requirements)
+        return (
+            f"<Certificate of {self.name}: {self.verdict.value}, {proved} of {len(self.requirements)} requirements of "
+            f"the loop proved, {self.boxes} boxes>"
+        )
 
     @property
     def verdict(self) -> Verdict:

@@ -7,8 +7,9 @@ plant violates a level is the opposite claim for this plant alone.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from flint import arb
@@ -72,6 +73,10 @@ class Case:
     origin: float
     nominal_crossings: tuple[float, ...] | None = None
     implementation: Implementation | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What makes the case, without what was computed of it: balls cannot be copied to another process."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @cached_property
     def loop(self) -> BallLoop:

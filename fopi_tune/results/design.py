@@ -26,6 +26,7 @@ from fopi_tune.results.measures import MeasureReport, measure_reports, measures_
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
 from fopi_tune.results.stamp import Stamp, certificate_versions
 from fopi_tune.results.status import Relaxation, Status
+from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import DesignSpec
 
 if TYPE_CHECKING:
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
 RESULT_SCHEMA = 1
 
 
-@dataclass(frozen=True)
-class Design:
+@dataclass(frozen=True, repr=False)
+class Design(Shown):
     """The result of tuning: gains, and what was verified and proved of them.
 
     Args:
@@ -142,8 +143,8 @@ class Design:
         return to_control(self.gains, self.spec.plant)
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, repr=False)
+class Check(Shown):
     """The verification and the certificate of given gains against a spec: the result of `fopi prove`.
 
     Args:
@@ -202,8 +203,8 @@ class Check:
         return verification_dict(self.spec, self.verification, self.proof, self.stamp)
 
 
-@dataclass(frozen=True)
-class Discretized:
+@dataclass(frozen=True, repr=False)
+class Discretized(Shown):
     """The digital controller of a spec, and the checks of the loop on samples: the result of `fopi discretize`.
 
     Args:
@@ -279,8 +280,8 @@ class Discretized:
         return to_sampled(controller.sections, self.spec.plant, delay, crossover, used)
 
 
-@dataclass(frozen=True)
-class Validated:
+@dataclass(frozen=True, repr=False)
+class Validated(Shown):
     """Evidence from sampled plants: the result of `fopi validate`.
 
     Args:
@@ -324,8 +325,8 @@ class Validated:
         }
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(Shown):
     """Every stage of one spec: the result of `fopi run`.
 
     Args:

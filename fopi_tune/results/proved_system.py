@@ -9,13 +9,14 @@ from typing import Any
 from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.proof.switched import SystemCertificate, SystemVerdict
 from fopi_tune.results.stamp import Stamp
+from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import SystemSpec
 
 _SCHEMA = 1
 
 
-@dataclass(frozen=True)
-class ProvedSystem:
+@dataclass(frozen=True, repr=False)
+class ProvedSystem(Shown):
     """A system with its certificate.
 
     Args:

@@ -11,6 +11,7 @@ import numpy as np
 
 from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.results.stamp import Stamp
+from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import DesignSpec, Limit, ScenarioSpec, ValidationSpec
 
 if TYPE_CHECKING:
@@ -157,8 +158,8 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class Simulated:
+@dataclass(frozen=True, repr=False)
+class Simulated(Shown):
     """The simulations of a spec's scenarios with one plant.
 
     Args:

@@ -10,6 +10,7 @@ from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.core.switching_lines import turns_entry
 from fopi_tune.results.simulation import ScenarioResult, draw_stamp
 from fopi_tune.results.stamp import Stamp
+from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import SystemSpec
 
 if TYPE_CHECKING:
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
 _SCHEMA = 1
 
 
-@dataclass(frozen=True)
-class SimulatedSystem:
+@dataclass(frozen=True, repr=False)
+class SimulatedSystem(Shown):
     """Scenarios of a system with one pair of plants.
 
     Args:
@@ -74,8 +75,8 @@ class SimulatedSystem:
         }
 
 
-@dataclass(frozen=True)
-class ValidatedSystem:
+@dataclass(frozen=True, repr=False)
+class ValidatedSystem(Shown):
     """Evidence from sampled pairs of plants.
 
     Args:
@@ -115,8 +116,8 @@ class ValidatedSystem:
         }
 
 
-@dataclass(frozen=True)
-class DiscretizedSystem:
+@dataclass(frozen=True, repr=False)
+class DiscretizedSystem(Shown):
     """The digital controllers of a system's modes, and how they take turns: the result of `fopi discretize SYSTEM`.
 
     Args:

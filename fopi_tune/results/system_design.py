@@ -13,6 +13,7 @@ from fopi_tune.results.documents import finite
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.results.status import Relaxation, Status
+from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import Limit, SystemSpec
 
 _SCHEMA = 1
@@ -56,8 +57,8 @@ class DrawnRequirement:
         }
 
 
-@dataclass(frozen=True)
-class DesignedSystem:
+@dataclass(frozen=True, repr=False)
+class DesignedSystem(Shown):
     """Gains of a system's modes, designed for what its scenarios measure.
 
     Args:

@@ -2,68 +2,130 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import posixpath
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib.resources import files as package_files
+from typing import Any
 
+from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.digests import content_digest
 from fopi_tune.spec.files import read_bytes
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.model import DesignSpec, SystemSpec
+from fopi_tune.spec.python.mapping import IN_PYTHON, yaml_of
 from fopi_tune.spec.systems import SpecLoader, is_system, read_system
 from fopi_tune.spec.validation import MAX_SAMPLES_BYTES, FileReader, UnreadableError
 from fopi_tune.spec.yaml.composer import MAX_BYTES, compose, decode, to_bytes
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector, quoted
 
-#: a spec's file, or a spec that was read already
-Source = str | os.PathLike[str] | DesignSpec
+#: what messages say of a text that has lines
+_LINE = re.compile(r" (?:on|in) line \d+")
+#: a spec: the path of its file, its text in YAML, a mapping with its entries, or one that was read already
+Source = str | os.PathLike[str] | Mapping[str, Any] | DesignSpec
 #: the same for a system
-SystemSource = str | os.PathLike[str] | SystemSpec
+SystemSource = str | os.PathLike[str] | Mapping[str, Any] | SystemSpec
 
 
 def load_spec(source: Source) -> DesignSpec:
-    """The spec in a file, and what is in the files that it names.
+    """The spec in a file, a text or a mapping, and what is in the files that it names.
 
     Args:
-        source: path of a YAML file; a `DesignSpec` is returned as it is, one that was made or changed in Python with
-            the hash of what it says in place of the hash of a text that says something else.
+        source: see `Source`; a text of several lines is YAML, one of a single line a path.  A `DesignSpec` is returned
+            as it is, one that was made or changed in Python with the hash of what it says in place of the hash of a
+            text that says something else.
 
     Raises:
         SpecError: the file cannot be read, or is not a usable spec; carries every problem found.
+        DomainError: something else than a spec.
     """
     if isinstance(source, DesignSpec):
         content = content_digest(source)
         return source if content == source.content_sha256 else replace(source, sha256=content, content_sha256=content)
-    collector = ProblemCollector(os.fsdecode(source))
-    return _parse(_read_file(source, collector), collector, folder_reader(source))
+    collector, data = _text_of(source)
+    with _of_python(source):
+        return _parse(data, collector, folder_reader(_place_of(source)))
 
 
-def load_any(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> DesignSpec | SystemSpec:
-    """The spec or the system in a file.
+def spec(entries: Mapping[str, Any] | None = None, /, **more: Any) -> DesignSpec:
+    """A spec from its entries, with the words and checks of YAML; messages have paths in place of lines.
+
+        ft.spec(plant=ft.Lag(1.0, 2.25).uncertain(time_constant_s=(1.6, 3.1)),
+                controller={"kp": {"min": 0, "max": 10}, "ki": {"min": 0, "max": 10}, "alpha": 1},
+                requirements=[ft.phase_margin_deg >= 60], objective={"maximize": "ki"})
 
     Args:
-        source: path of a YAML file; an object that was read already is returned as it is.
+        entries: as YAML has them; numbers may be NumPy's, plants, requirements and controllers this package's objects.
+        more: the same as keywords; `schema` is 1 and `name` is `spec` where left out.
+
+    Raises:
+        SpecError: not a usable spec; carries every problem found.
+    """
+    return load_spec({**(entries or {}), **more})
+
+
+@contextlib.contextmanager
+def _of_python(source: object) -> Iterator[None]:
+    """Leave out lines and columns of a text that nobody wrote."""
+    try:
+        yield
+    except SpecError as error:
+        if not isinstance(source, Mapping):
+            raise
+        told = (replace(each, line=0, column=0, message=_LINE.sub("", each.message)) for each in error.problems)
+        raise SpecError(tuple(told)) from None
+
+
+def _text_of(source: object) -> tuple[ProblemCollector, bytes]:
+    """A spec's text, and where its problems go."""
+    if isinstance(source, Mapping):
+        collector = ProblemCollector(IN_PYTHON)
+        return collector, to_bytes(yaml_of(source), collector)
+    if isinstance(source, str) and "\n" in source:
+        collector = ProblemCollector("<spec>")
+        return collector, to_bytes(source, collector)
+    if not isinstance(source, str | os.PathLike):
+        raise DomainError(
+            f"a {type(source).__name__} is no spec; give the path of a file, its text in YAML, a dict, or a DesignSpec"
+        )
+    collector = ProblemCollector(os.fsdecode(source))
+    return collector, _read_file(source, collector)
+
+
+def _place_of(source: object) -> str:
+    """The path of a spec's file; of one that is no file, one in the current folder."""
+    return os.fsdecode(source) if isinstance(source, str | os.PathLike) and "\n" not in str(source) else IN_PYTHON
+
+
+def load_any(source: Source | SystemSource) -> DesignSpec | SystemSpec:
+    """The spec or the system in a file, a text or a mapping.
+
+    Args:
+        source: see `Source`; an object that was read already is returned as it is.
 
     Raises:
         SpecError: the file, or a spec that a system names, cannot be read or used; carries every problem found.
+        DomainError: something else than a spec or a system.
     """
     if isinstance(source, DesignSpec | SystemSpec):
         return source
-    collector = ProblemCollector(os.fsdecode(source))
-    data = _read_file(source, collector)
-    folder = os.path.dirname(collector.file)
-    return _parse_any(data, collector, lambda path: load_spec(os.path.join(folder, path)), folder_reader(source))
+    collector, data = _text_of(source)
+    place = _place_of(source)
+    folder = os.path.dirname(place)
+    with _of_python(source):
+        return _parse_any(data, collector, lambda path: load_spec(os.path.join(folder, path)), folder_reader(place))
 
 
-def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> SystemSpec:
-    """The system in a file.
+def load_system(source: Source | SystemSource) -> SystemSpec:
+    """The system in a file, a text or a mapping.
 
     Args:
-        source: path of a YAML file; a `SystemSpec` is returned as it is.
+        source: see `Source`; a `SystemSpec` is returned as it is.
 
     Raises:
         SpecError: as for `load_any`, or the file is a spec.
@@ -71,7 +133,7 @@ def load_system(source: str | os.PathLike[str] | DesignSpec | SystemSpec) -> Sys
     found = source if isinstance(source, SystemSpec) else load_any(source)
     if isinstance(found, SystemSpec):
         return found
-    collector = ProblemCollector(found.name if isinstance(source, SystemSpec | DesignSpec) else os.fsdecode(source))
+    collector = ProblemCollector(found.name if isinstance(source, SystemSpec | DesignSpec) else _place_of(source))
     collector.add(Mark(1, 1), "", "this is a spec, no system; a system has a section `system`")
     raise collector.error()
 
@@ -151,7 +213,10 @@ def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> Design
     spec = read_spec(Place(document, "", collector), hashlib.sha256(data).hexdigest(), read)
     if spec is None:
         raise collector.error()
-    return replace(spec, source=data, content_sha256=content_digest(spec))
+    found = replace(spec, source=data, content_sha256=content_digest(spec))
+    # not an argument of the class: `dataclasses.replace` leaves it at False
+    object.__setattr__(found, "is_as_read", True)
+    return found
 
 
 def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> bytes:

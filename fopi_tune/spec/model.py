@@ -182,7 +182,7 @@ class ValidationSpec:
         return None if self.samples_file is None else self.samples_file.sha256
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DesignSpec:
     """A whole spec.
 
@@ -203,6 +203,7 @@ class DesignSpec:
         source: those bytes.
         content_sha256: of what those bytes say, by which a spec that was changed afterwards is told; empty for a spec
             that was not read.
+        is_as_read: whether nothing was changed since the text was read.
         reference: of one member of a list (`spec.lists.members`), the family whose nominal plant is the list's; None
             where that is `plant` itself.
     """
@@ -223,6 +224,24 @@ class DesignSpec:
     content_sha256: str = field(default="", compare=False, repr=False)
     scenario_requirements: tuple[Limit, ...] = ()
     reference: PlantFamily | None = None
+    is_as_read: bool = field(default=False, init=False, compare=False, repr=False)
+
+    def __repr__(self) -> str:
+        asked = len(self.requirements) + len(self.scenario_requirements)
+        loop = "in continuous time" if self.digital is None else f"on samples of {self.digital.sample_time_s:g} s"
+        return f"<DesignSpec {self.name}: plant {self.plant.model}, {asked} requirements, {loop}>"
+
+    def to_yaml(self) -> str:
+        """The text that this spec was read from, in YAML; of `ft.spec` one with the same entries.
+
+        Raises:
+            DomainError: it was made or changed in Python, and there is no text that says the same.
+        """
+        if not self.is_as_read:
+            raise DomainError(
+                f"the spec {self.name!r} was made or changed in Python and has no text; write it with ft.spec(...)"
+            )
+        return self.source.decode()
 
     @property
     def is_measured(self) -> bool:
@@ -266,7 +285,7 @@ class ModeSpec:
     gains: FoPi | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SystemSpec:
     """Two loops that share their output and take turns, as a car's throttle and brake do.
 
@@ -312,6 +331,10 @@ class SystemSpec:
     tuned: tuple[str, ...] = ()
     min_dwell_s: float = 0.0
     shared: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        names = " and ".join(mode.name for mode in self.modes)
+        return f"<SystemSpec {self.name}: modes {names}, {len(self.scenarios)} scenarios>"
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.min_dwell_s < math.inf:

@@ -1,0 +1,1 @@
+"""Results as people meet them in Python: a few lines, a table, a data frame."""
