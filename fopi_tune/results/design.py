@@ -26,6 +26,7 @@ from fopi_tune.results.measures import MeasureReport, measure_reports, measures_
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
 from fopi_tune.results.stamp import Stamp, certificate_versions
 from fopi_tune.results.status import Relaxation, Status
+from fopi_tune.results.views.curves import LoopCurves
 from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import DesignSpec
 
@@ -41,7 +42,7 @@ RESULT_SCHEMA = 1
 
 
 @dataclass(frozen=True, repr=False)
-class Design(Shown):
+class Design(Shown, LoopCurves):
     """The result of tuning: gains, and what was verified and proved of them.
 
     Args:
