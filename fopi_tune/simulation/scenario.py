@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.switching_lines import SwitchingLines
+from fopi_tune.core.terms.feedforward import Fed
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
@@ -165,6 +166,7 @@ class Hybrid:
         most_switches: more than these within the window is chattering.
         window_s: the window, s.
         min_dwell_samples: from one jump to the next at least; 0 and 1 are any.  The first mode may be left at once.
+        fed: g and h/Ts of each mode's feed-forward of the setpoint; empty where there is none.
     """
 
     half_width: float | SwitchingLines
@@ -173,6 +175,7 @@ class Hybrid:
     most_switches: int = 5
     window_s: float = 2.0
     min_dwell_samples: int = 0
+    fed: tuple[Fed, ...] = ()
 
     def __post_init__(self) -> None:
         SwitchingLines.of(self.half_width)

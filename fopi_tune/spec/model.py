@@ -16,6 +16,7 @@ from fopi_tune.core.plant import JointFamily, PlantFamily
 from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.core.terms.controller_spec import ControllerSpec as ControllerSpec
 from fopi_tune.core.terms.controller_spec import GainRange as GainRange
+from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.requirement import Relation as Relation
 from fopi_tune.quantities.requirement import Requirement as Requirement
@@ -256,11 +257,13 @@ class ModeSpec:
         name: of the mode.
         spec: its plant, its digital controller, and how to find its gains.
         gains: when the system names them; None leaves them to the spec.
+        feedforward: of the setpoint; None without one.
     """
 
     name: str
     spec: DesignSpec
     gains: FoPi | None = None
+    feedforward: FeedForward | None = None
 
 
 @dataclass(frozen=True)

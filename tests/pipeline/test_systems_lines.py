@@ -12,9 +12,11 @@ from cases.c_export import replayed
 from cases.two_modes import rig, write
 
 import fopi_tune as ft
+from fopi_tune.errors import DomainError
 from fopi_tune.proof.switched import recheck_system
 from fopi_tune.proof.switched.documents import from_document, to_document
 from fopi_tune.report.system_page import system_report_files
+from fopi_tune.spec.load import load_system
 
 APART = "to_fan_above: 0.5\nto_heater_below: 0.1\ninactive: reset"
 ABSOLUTE = "to_fan_above: {absolute: 8.4}\nto_heater_below: -0.2"
@@ -97,3 +99,41 @@ def test_the_lines_are_told(tmp_path: Path) -> None:
     text = " ".join(system_digital_text(ft.discretize_system(write(tmp_path, turns=COASTING))).plain.split())
     assert "fan from the setpoint + 0.6 on, heater from the setpoint - 0.4 on" in text.replace("\u00a0", " ")
     assert "heater rests from the setpoint + 0 on, fan from the setpoint + 0.1 on" in text.replace("\u00a0", " ")
+
+
+def fed(folder: Path, turns: str = APART) -> Path:
+    path = write(folder, turns=turns, more=MORE)
+    text = path.read_text(encoding="utf-8")
+    words = "spec: heater.yaml, feedforward: {static_gain: 0.04, rate_gain: 0.1},"
+    path.write_text(text.replace("spec: heater.yaml,", words), encoding="utf-8")
+    return path
+
+
+@needs_gcc
+def test_a_feed_forward_is_in_every_stage_or_refused_by_name(tmp_path: Path) -> None:
+    path = fed(tmp_path)
+    gains = {"heater": {"static_gain": 0.04, "rate_gain": 0.1}}
+    made = ft.discretize_system(path)
+    assert made.to_dict()["feedforward"] == gains
+    done = replayed(made.code(), tmp_path / "c", "gcc")
+    assert done.returncode == 0, done.stdout + done.stderr
+    driven = ft.simulate_system(path).driven[0].traces
+    (tmp_path / "plain").mkdir()
+    plain = ft.simulate_system(write(tmp_path / "plain", turns=APART)).driven[0].traces
+    assert np.abs(driven.output - plain.output).max() > 0.05
+    assert ft.validate_system(path, samples=40).evidence.validation.samples == 40
+    with pytest.raises(DomainError, match="heater: feedforward belongs to the loops on samples"):
+        ft.simulate_system(path, exact=True)
+
+
+def test_a_certificate_names_a_feed_forward(tmp_path: Path) -> None:
+    system = load_system(fed(tmp_path, "hysteresis: 0.3\ninactive: reset"))
+    certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate
+    assert certificate.verdict.value == "undecided"
+    assert certificate.reason == "heater: a feed-forward of the setpoint is not modelled in this proof"
+    document = json.loads(json.dumps(to_document(certificate)))
+    gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
+    assert recheck_system(from_document(document), system, gains).accepted
+    (tmp_path / "plain").mkdir()
+    plain = rig(tmp_path / "plain", turns="hysteresis: 0.3\ninactive: reset")
+    assert not recheck_system(from_document(document), plain, gains).accepted

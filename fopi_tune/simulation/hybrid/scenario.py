@@ -54,6 +54,7 @@ def simulate_inclusion(
         DomainError: the scenario has something only a sampled loop has, or invalid numbers.
     """
     refuse_samples_only(scenario, any(controller.limits_rate for controller in controllers))
+    refuse_what_is_sampled(system)
 
     def run(refined: int) -> _Run:
         return _simulated(system, scenario, gains, plants, controllers, sample_time_s, refined)
@@ -75,6 +76,17 @@ def computing_delay_s(system: SystemSpec) -> float:
     """From the measurement to the new control, s; both modes have the same."""
     digital = system.modes[0].spec.digital
     return 0.0 if digital is None else digital.delay_samples * digital.sample_time_s
+
+
+def refuse_what_is_sampled(system: SystemSpec) -> None:
+    """Refuse what only a simulation of the system on samples has.
+
+    Raises:
+        DomainError: there is such a thing.
+    """
+    for mode in system.modes:
+        if mode.feedforward is not None:
+            raise DomainError(f"{mode.name}: feedforward belongs to the loops on samples; leave it or --exact out")
 
 
 def _is_stepped(system: SystemSpec, scenario: ScenarioSpec) -> bool:

@@ -21,6 +21,8 @@ from fopi_tune.simulation.sampled.layout import (
     COASTING,
     DIRECT,
     EXCESS,
+    FED_CHANGE,
+    FED_STATIC,
     FLUSH_BELOW,
     HIGH,
     INTEGRATES,
@@ -153,9 +155,19 @@ def start_at_rest(s, c, other, second, offsets, settings, y):
 
 
 @_inlined
-def without_memory(s, c, other, second, offsets, settings, r, y, e):
-    """The terms of v before the sections' states."""
+def on_error(c, other, second, fed, e, r, change):
+    """direct e, and the feed-forward of the setpoint r that changed since the last sample."""
     v = coefficient(c, DIRECT, other, second) * e
+    if fed:
+        static = coefficient(c, FED_STATIC, other, second) * broadcast(r)
+        v = v + (static + coefficient(c, FED_CHANGE, other, second) * broadcast(change))
+    return v
+
+
+@_inlined
+def without_memory(s, c, other, second, offsets, settings, r, change, y, e):
+    """The terms of v before the sections' states."""
+    v = on_error(c, other, second, settings.fed, e, r, change)
     if settings.weighted:
         weighted = coefficient(c, SETPOINT_WEIGHT, other, second) * broadcast(r) - y
         v = coefficient(c, PROPORTIONAL, other, second) * weighted + v

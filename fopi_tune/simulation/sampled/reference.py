@@ -78,13 +78,14 @@ class _ReferenceLoop:
         demanded = 0.0
         if not self.coasting:
             controller = self.controllers[self.mode]
-            self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
+            added = self._fed(k, self.mode)
+            self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured, added)
             demanded = float(self.memory[self.mode].output)
         self._actuate(demanded)
         if scenario.hybrid is not None and scenario.hybrid.inactive is InactiveController.TRACK:
             for idle in (0, 1) if self.coasting else (1 - self.mode,):
                 self.memory[idle] = runtime.track(
-                    self.controllers[idle], self.memory[idle], reference, measured, self.last
+                    self.controllers[idle], self.memory[idle], reference, measured, self.last, self._fed(k, idle)
                 )
         self.applied.append(self.last)
         self.modes.append(self.mode)
@@ -103,6 +104,14 @@ class _ReferenceLoop:
             0.0 if self.coasting else self.mode + 1.0,
             after,
         )
+
+    def _fed(self, k: int, mode: int) -> np.float64 | None:
+        """What the feed-forward adds to a mode's output; None without one."""
+        if self.scenario.hybrid is None or not self.scenario.hybrid.fed:
+            return None
+        reference = self.scenario.signals.reference
+        static, rate = self.scenario.hybrid.fed[mode]
+        return np.float64(static * reference[k] + rate * (reference[k] - reference[max(k - 1, 0)]))
 
     def _rate_after(self, k: int, rate: float) -> float:
         """dy/dt just after a new input arrives, the larger one of control and load."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.terms.feedforward import NOT_FED
 from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.layout import (
@@ -199,7 +200,9 @@ def _run(
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * count * blocks * WIDTH if keep else 0)
-    controllers = np.array([_coefficients(mode.controller, settings) for mode in modes])
+    fed = (scenario.hybrid.fed if scenario.hybrid else ()) or (NOT_FED, NOT_FED)
+    pairs = zip(modes, fed, strict=False)
+    controllers = np.array([_coefficients(mode.controller, settings, *own) for mode, own in pairs])
     scratch, jumps = _aligned(offsets.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(count, dtype=np.int64)
     reference, steps = scenario.signals.reference, _step_rows(scenario, horizon)
     run_blocks(
@@ -228,8 +231,8 @@ def _filter_order(controller: Runtime) -> int:
     return 0 if used is None else 1 if used.damping is None else 2
 
 
-def _coefficients(controller: Runtime, settings: Settings) -> Array:
-    """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
+def _coefficients(controller: Runtime, settings: Settings, static: float, change: float) -> Array:
+    """A controller's coefficients in the order of `layout`, those of its feed-forward; missing sections stay 0."""
     end = SECTIONS + 3 * settings.sections
     low, high = controller.limits
     start = float(init(controller).output)
@@ -237,7 +240,7 @@ def _coefficients(controller: Runtime, settings: Settings) -> Array:
     rows = np.zeros(last + 2 * (settings.filter_order > 0))
     rows[:INTEGRATES] = controller.direct, controller.tracking_gain, low, high, start
     rows[INTEGRATES:PROPORTIONAL] = controller.has_integrator, controller.most_change
-    rows[PROPORTIONAL:SECTIONS] = controller.proportional, controller.setpoint_weight
+    rows[PROPORTIONAL:SECTIONS] = controller.proportional, controller.setpoint_weight, static, change
     if controller.derivative is not None:
         rows[end:last:2], rows[end + 1 : last : 2] = controller.derivative.gains, controller.derivative.shares
     if used is not None:
@@ -299,6 +302,7 @@ def _settings(
         coast_below_absolute=int(coast_below[1]),
         inactive=int(hybrid.inactive),
         limits_rate=int(any(mode.controller.limits_rate for mode in modes)),
+        fed=int(bool(hybrid.fed)),
         weighted=int(any(mode.controller.proportional != 0.0 for mode in modes)),
         derivatives=max(_derivatives(mode.controller) for mode in modes),
         starts_at_first_sample=int(any(mode.controller.starts_at_first_sample for mode in modes)),

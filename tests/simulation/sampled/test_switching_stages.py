@@ -117,3 +117,25 @@ def test_a_held_memory_continues_after_coasting() -> None:
     entered = (held.mode[:, 1:] == 1) & (held.mode[:, :-1] == 0)
     differs = held.demanded[:, 1:][entered] - np.clip(direct * held.error[:, 1:][entered], 0.0, 1.0)
     assert np.abs(differs).max() > 1e-3
+
+
+@pytest.mark.parametrize("inactive", list(InactiveController))
+@pytest.mark.parametrize("lines", [RELATIVE, COASTING], ids=["r", "coast"])
+def test_what_is_fed_forward_is_the_same_in_both_runs(lines: SwitchingLines, inactive: InactiveController) -> None:
+    ramp = np.concatenate([np.linspace(12.0, 18.0, 40), np.full(40, 6.0), np.linspace(6.0, 10.0, 40)])
+    for fed, rates in ((((0.02, 0.05), (0.05, 0.3)), (None, None)), (((0.03, 0.0), (0.0, 0.0)), (0.4, None))):
+        scenario = driven(lines, inactive)
+        hybrid = dataclasses.replace(scenario.hybrid or Hybrid(0.0), fed=fed)
+        scenario = dataclasses.replace(scenario, hybrid=hybrid, signals=Signals(ramp))
+        both = modes(rates)
+        found = simulate(both, scenario)
+        assert_same(found, plainly(both, scenario))
+        without = simulate(both, dataclasses.replace(scenario, hybrid=dataclasses.replace(hybrid, fed=())))
+        assert np.abs(found.output - without.output).max() > 0.1
+
+
+def test_nothing_fed_forward_is_no_change_at_all() -> None:
+    scenario = driven(RELATIVE, InactiveController.TRACK)
+    hybrid = dataclasses.replace(scenario.hybrid or Hybrid(0.0), fed=((0.0, 0.0), (0.0, 0.0)))
+    one, two = simulate(modes(), scenario), simulate(modes(), dataclasses.replace(scenario, hybrid=hybrid))
+    assert np.array_equal(one.output, two.output)
