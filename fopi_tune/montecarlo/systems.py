@@ -86,6 +86,7 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
         system.chattering_window_s,
         system.min_dwell_samples,
         fed_by(tuple(mode.feedforward for mode in system.modes), system.sample_time_s),
+        system.hold_below,
     )
     return replace(scenario_of(scenario, implementation, seed), hybrid=hybrid)
 

@@ -258,12 +258,15 @@ class ModeSpec:
         spec: its plant, its digital controller, and how to find its gains.
         gains: when the system names them; None leaves them to the spec.
         feedforward: of the setpoint; None without one.
+        hold_below_per_s: the output of its plant does not go below 0, and stays there while the plant's input, with the
+            load, drives it by less than this, output unit per s; None for a plant without a standstill.
     """
 
     name: str
     spec: DesignSpec
     gains: FoPi | None = None
     feedforward: FeedForward | None = None
+    hold_below_per_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -323,6 +326,12 @@ class SystemSpec:
     def lines(self) -> SwitchingLines:
         """Where the modes take turns."""
         return SwitchingLines.of(self.hysteresis)
+
+    @property
+    def hold_below(self) -> tuple[float, ...]:
+        """Of each mode's standstill, output unit per s, -inf for a mode without; empty where there is none."""
+        every = [mode.hold_below_per_s for mode in self.modes]
+        return tuple(-math.inf if each is None else each for each in every) if every != [None, None] else ()
 
     @property
     def judged_limits(self) -> tuple[Limit, ...]:

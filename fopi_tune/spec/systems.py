@@ -126,6 +126,7 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
     refuse_crossed_lines(system, section)
     refuse_limits_without_rest(system, section)
     _refuse_bumpless(system, place)
+    _refuse_start_below_standstill(system, place)
     _refuse_short_window(system, section)
     _refuse_long_dwell(system, section)
     _refuse_accelerations(system, limits)
@@ -222,6 +223,16 @@ def _refuse_bumpless(system: SystemSpec, place: Place) -> None:
         if fed and scenario.bumpless:
             place.child("scenarios").item(index).child("bumpless").refuse(
                 f"the {fed[0]}'s feedforward would come on top of the input that held the plant; remove one of the two"
+            )
+
+
+def _refuse_start_below_standstill(system: SystemSpec, place: Place) -> None:
+    """Reports an initial output below 0 in a system with a standstill."""
+    still = [mode.name for mode in system.modes if mode.hold_below_per_s is not None]
+    for index, scenario in enumerate(system.scenarios):
+        if still and scenario.initial_output < 0.0:
+            place.child("scenarios").item(index).child("initial_output").refuse(
+                f"the {still[0]}'s standstill keeps the output at 0 or above; start there, or remove standstill"
             )
 
 

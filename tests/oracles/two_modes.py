@@ -23,6 +23,8 @@ class Part:
     rate_per_s: float = np.inf
     static_gain: float = 0.0
     rate_gain: float = 0.0
+    #: output unit per s: at 0 the output stays while it is driven by less
+    hold_below: float = -np.inf
     x: np.ndarray = field(default_factory=lambda: np.zeros(0))
     last: float = 0.0
 
@@ -139,6 +141,9 @@ def drive(
                     part.follow(r - y, part.fed(r, rate), u)
         outputs.append(y)
         states.append(state)
-        share = -np.expm1(-sample_time_s / parts[plant].time_constant_s)
-        y = y + share * (parts[plant].gain * (u + w) - y)
+        own = parts[plant]
+        share, stands = -np.expm1(-sample_time_s / own.time_constant_s), own.hold_below > -np.inf
+        if not (stands and y <= 0.0 and own.gain / own.time_constant_s * (u + w) < own.hold_below):
+            y = y + share * (own.gain * (u + w) - y)
+            y = max(y, 0.0) if stands else y
     return np.array(outputs), np.array(states)

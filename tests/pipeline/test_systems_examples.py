@@ -53,6 +53,7 @@ def part_of(mode: dict, spec: dict) -> Part:
     if fed == "inverse_of_nominal_lag":
         fed = {"static_gain": 1.0 / gain, "rate_gain": time_constant_s / gain}
     part.static_gain, part.rate_gain = fed.get("static_gain", 0.0), fed.get("rate_gain", 0.0)
+    part.hold_below = mode.get("standstill", {}).get("hold_below_per_s", -np.inf)
     return part
 
 

@@ -172,6 +172,7 @@ def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any
             "delay_samples": loop.delay_samples,
         },
         **({} if loop.feedforward is None else {"feedforward": asdict(loop.feedforward)}),
+        **({} if loop.hold_below_per_s is None else {"hold_below_per_s": loop.hold_below_per_s}),
         "plant": plant_entry(loop.plant),
         "decays": None if proof is None else decay_entry(proof),
     }
@@ -226,6 +227,7 @@ def _read_loop(entry: JsonObject) -> tuple[SwitchedLoop, SaturatedLoopProof | No
         _read_plant(entry.child("plant")),
         entry.child("controller").number("delay_samples"),
         _read_feedforward(entry.child("feedforward")) if "feedforward" in entry.value else None,
+        entry.number("hold_below_per_s") if "hold_below_per_s" in entry.value else None,
     )
     if entry.get("decays") is None:
         return loop, None

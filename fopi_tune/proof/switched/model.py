@@ -81,6 +81,7 @@ class SwitchedLoop:
         plant: the family.
         delay_samples: from the measurement to the new control, in samples.
         feedforward: of the setpoint; None without one.
+        hold_below_per_s: of the plant's standstill at an output of 0, output unit per s; None without one.
     """
 
     name: str
@@ -88,6 +89,7 @@ class SwitchedLoop:
     plant: PlantFamily
     delay_samples: float = 0.0
     feedforward: FeedForward | None = None
+    hold_below_per_s: float | None = None
 
     @property
     def is_limited(self) -> bool:
@@ -286,7 +288,8 @@ def _loop_of(system: SystemSpec, index: int, gains: FoPi) -> SwitchedLoop:
     mode = system.modes[index]
     implementation = implementation_of(mode.spec, gains)
     controller = runtime_of(implementation.sections, mode.spec)
-    return SwitchedLoop(mode.name, controller, mode.spec.plant, implementation.delay_samples, mode.feedforward)
+    own = mode.feedforward, mode.hold_below_per_s
+    return SwitchedLoop(mode.name, controller, mode.spec.plant, implementation.delay_samples, *own)
 
 
 def loop_obstacle(loop: SwitchedLoop) -> str:
@@ -302,6 +305,8 @@ def plant_obstacle(loop: SwitchedLoop) -> str:
         return RATE_NOT_MODELLED
     if loop.feedforward is not None:
         return "a feed-forward of the setpoint is not modelled in this proof"
+    if loop.hold_below_per_s is not None:
+        return "a standstill is not modelled in this proof"
     if not loop.controller.acts_on_error:
         return "a derivative, a measurement filter and a setpoint weight are not modelled in this proof"
     if isinstance(loop.plant, ParametricFamily):

@@ -23,8 +23,10 @@ from fopi_tune.simulation.sampled.layout import (
     EXCESS,
     FED_CHANGE,
     FED_STATIC,
+    FLOOR,
     FLUSH_BELOW,
     HIGH,
+    HOLD_BELOW,
     INTEGRATES,
     IS_NEW,
     LAST_ERROR,
@@ -98,7 +100,9 @@ def any_large(table, controllers, sections, block):
     for mode in range(controllers.shape[0]):
         for row in range(controllers.shape[1]):
             most = 1.0 if SECTIONS <= row < end and (row - SECTIONS) % 3 == 0 else _LARGE_COEFFICIENT
-            found |= row != LOW and row != HIGH and row != MOST_CHANGE and not abs(controllers[mode, row]) <= most
+            # those of limits may be infinite
+            limit = row in (LOW, HIGH, MOST_CHANGE, FLOOR, HOLD_BELOW)
+            found |= not limit and not abs(controllers[mode, row]) <= most
     for lane in range(WIDTH):
         found |= not abs(table[0, block * WIDTH + lane]) <= _LARGE
     return found

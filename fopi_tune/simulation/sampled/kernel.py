@@ -155,7 +155,7 @@ def _sample(
     # only a tracking controller alternates between two buffers of states
     other_old = offsets.inactive_1 if track and k % 2 == 1 else offsets.inactive_0
     other_new = offsets.inactive_1 if k % 2 == 0 else offsets.inactive_0
-    y, rate = plant_stages.output(s, settings, offsets)
+    y, rate = plant_stages.output(s, c, other, settings, offsets)
     measured = y
     if settings.noise_std != 0.0:
         if k % 4 == 0:
@@ -197,7 +197,7 @@ def _sample(
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
     plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
     if settings.hybrid:
-        after = plant_stages.advance_hybrid_states(s, settings, offsets)
+        after = plant_stages.advance_hybrid_states(s, c, other, settings, offsets)
     else:
         after = plant_stages.rate_after(s, settings, offsets, rate)
         if settings.acts_at_samples == 0:

@@ -71,7 +71,7 @@ class _ReferenceLoop:
         scenario, reference = self.scenario, float(self.scenario.signals.reference[k])
         held = self.plants[self.arrived]
         y = float(held.output[self.row] @ self.x) + float(held.direct[self.row]) * self.before
-        rate = float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
+        rate = self._rate()
         measured = self._measured(y, k)
         if scenario.hybrid is not None:
             self._switch(k, measured, reference, scenario.hybrid)
@@ -127,7 +127,16 @@ class _ReferenceLoop:
 
     def _rate(self) -> float:
         held = self.plants[self.arrived]
+        if self._stands_still():
+            return 0.0
         return float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
+
+    def _stands_still(self) -> bool:
+        """Whether the output rests at 0, held against what drives it."""
+        hybrid = self.scenario.hybrid
+        if hybrid is None or not hybrid.hold_below or self.x[0] > 0.0:
+            return False
+        return float(self.plants[self.arrived].rate_input[self.row]) * self.before < hybrid.hold_below[self.arrived]
 
     def _measured(self, y: float, k: int) -> float:
         sensor = self.scenario.sensor
@@ -193,8 +202,13 @@ class _ReferenceLoop:
             self.arrived = self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1
             control = self.plants[self.arrived].control
             self.before = self._control(place) + load
-            after = self._rate()
+            after, stands = self._rate(), self._stands_still()
             self.x = control.transition[segment, i] @ self.x + control.weight[segment, i] * self.before
+            # the first segment lasts no time where the control arrives at the sample
+            if stands and np.any(control.weight[segment, i] != 0.0):
+                self.x = np.zeros(1)
+            elif (hold := self.scenario.hybrid.hold_below) and math.isfinite(hold[self.arrived]):
+                self.x = np.maximum(self.x, 0.0)
         return after
 
     def _control(self, place: int) -> float:

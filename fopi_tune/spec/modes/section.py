@@ -103,6 +103,15 @@ def _mode_shape(name: str) -> Record:
     rate = Number("fastest change of its control by the controller, per s, in place of its spec's", above=0)
     keys["output_rate_per_s"] = Key(rate, required=False)
     keys["feedforward"] = Key(_feedforward_shape(), required=False)
+    hold = "while its input and the load drive it by less than this, output unit per s, it stays at 0"
+    still = {"hold_below_per_s": Key(Number(hold, at_least=0))}
+    keys["standstill"] = Key(
+        Record(
+            "that its plant's output does not go below 0, and is held there", still,
+            lambda values, place: float(values["hold_below_per_s"]), "{hold_below_per_s: 0.5}",
+        ),
+        required=False,
+    )  # fmt: skip
     return Record(f"the {name}", keys, lambda values, place: values, f"{{spec: {name}.yaml}}")
 
 
@@ -161,7 +170,7 @@ def read_mode(name: str, values: Values, place: Place, loader: SpecLoader) -> Mo
             "rate_gain: ...}"
         )
         return None
-    return ModeSpec(name, spec, values.get("gains"), fed)
+    return ModeSpec(name, spec, values.get("gains"), fed, values.get("standstill"))
 
 
 def _inverse_of(spec: DesignSpec) -> FeedForward | None:

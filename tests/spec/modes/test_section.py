@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import jsonschema
@@ -71,6 +72,39 @@ def test_a_bumpless_start_is_refused_beside_it(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("duration_s: 40,", "duration_s: 40, bumpless: yes,"))
     with pytest.raises(SpecError, match="heater's feedforward would come on top of the input that held the plant"):
         load_system(path)
+
+
+def test_a_standstill_is_understood_as_meant(tmp_path: Path) -> None:
+    path = with_words(tmp_path, "standstill: {hold_below_per_s: 0.4}", "fan")
+    system = load_system(path)
+    assert [mode.hold_below_per_s for mode in system.modes] == [None, 0.4]
+    assert system.hold_below == (-math.inf, 0.4)
+    assert rig(tmp_path).hold_below == ()
+
+
+@pytest.mark.parametrize(
+    ("words", "scenario", "said"),
+    [
+        ("standstill: {hold_below_per_s: -1}", "", "system.fan.standstill.hold_below_per_s: -1 is out of range"),
+        (
+            "standstill: 0.4",
+            "",
+            "system.fan.standstill: '0.4' is written where a mapping",
+        ),
+        (
+            "standstill: {hold_below_per_s: 0}",
+            "initial_output: -2, ",
+            "scenarios[0].initial_output: the fan's standstill",
+        ),
+    ],
+)
+def test_what_is_no_standstill_is_told(tmp_path: Path, words: str, scenario: str, said: str) -> None:
+    path = with_words(tmp_path, words, "fan")
+    path.write_text(path.read_text().replace("duration_s: 40,", f"duration_s: 40, {scenario}"))
+    with pytest.raises(SpecError) as refused:
+        load_system(path)
+    found = refused.value.problems[0]
+    assert f"{found.path}: {found.message}".startswith(said)
 
 
 def test_modes_without_it_have_none(tmp_path: Path) -> None:
