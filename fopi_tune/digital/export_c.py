@@ -65,6 +65,7 @@ class Export:
         limits: of the output in its unit, lower first; None where there are none.
         rate_per_s: fastest change of the output, per s; None where there is no limit.
         setpoint_weight: b of kp (b r - y), dimensionless.
+        is_fed: whether a system adds a feed-forward to its output; such a controller acts on r - y.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Export:
     limits: tuple[float, float] | None = None
     rate_per_s: float | None = None
     setpoint_weight: float = 1.0
+    is_fed: bool = False
 
     @classmethod
     def of(cls, spec: DesignSpec, controller: DigitalController) -> Export:
@@ -148,7 +150,8 @@ def controller_code(export: Export, precision: Precision, identifier: str, part_
     sections, weight = export.controller.sections, export.setpoint_weight
     used = export.controller.gains.measurement_filter
     runtime = Runtime.of(sections, precision, export.limits, export.rate_per_s, weight, used)
-    values = with_export_id({**_values(export, runtime, identifier), **({"part_of": part_of} if part_of else {})})
+    of_system = {**({"part_of": part_of} if part_of else {}), **({"fed": True} if export.is_fed else {})}
+    values = with_export_id({**_values(export, runtime, identifier), **of_system})
     files = code_files("controller", {"part_of": "", **values})
     return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)
 

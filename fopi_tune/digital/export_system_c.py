@@ -6,7 +6,7 @@ A system's `step` calls the functions of both modes, which are those of `export_
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from fopi_tune.digital.export_c import (
@@ -80,11 +80,12 @@ def export_system_c(export: SystemExport) -> dict[str, str]:
     """
     identifier = identifier_of(export.name)
     files: dict[str, str] = {}
+    fed = bool(export.switching.fed)
     pairs, stems = [], []
     for precision in Precision:
         prefix = f"fopi_{identifier}_{c_type(precision)['suffix']}"
         codes = [
-            controller_code(mode, precision, f"{identifier}_{name}", prefix)
+            controller_code(replace(mode, is_fed=fed), precision, f"{identifier}_{name}", prefix)
             for mode, name in zip(export.modes, export.mode_names, strict=True)
         ]
         pair = SwitchedRuntime((codes[0].runtime, codes[1].runtime), export.switching)
@@ -114,6 +115,7 @@ def _values(export: SystemExport, pair: SwitchedRuntime, prefix: str, codes: lis
         "modes": [_mode(export, index, code) for index, code in enumerate(codes)],
         "first": 1 + export.switching.first,
         **_turns(pair, kind["literal"]),
+        **_fed(pair, kind["literal"]),
         "dwell": export.switching.min_dwell_samples,
         "dwell_text": _dwell(export),
         "memory": export.switching.memory.value,
@@ -139,6 +141,18 @@ def _turns(pair: SwitchedRuntime, suffix: str) -> dict[str, Any]:
             if line is not None
         }
     }
+
+
+def _fed(pair: SwitchedRuntime, suffix: str) -> dict[str, Any]:
+    """The gains of each mode's feed-forward; nothing without one."""
+    if not pair.switching.fed:
+        return {}
+
+    def number(value: float) -> tuple[str, str]:
+        rounded = float(pair.precision.dtype(value))
+        return literal(rounded, suffix), repr(rounded)
+
+    return {"fed": [{"static": number(static), "change": number(change)} for static, change in pair.switching.fed]}
 
 
 def _mode(export: SystemExport, index: int, code: ControllerCode) -> dict[str, Any]:

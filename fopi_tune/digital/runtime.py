@@ -257,12 +257,25 @@ def reset(runtime: Runtime, output: float) -> State:
     return State(x, start, filtered, runtime.starts_at_first_sample, lagged)
 
 
-def step(runtime: Runtime, state: State, setpoint: float, measurement: float) -> State:
-    """One sample; `output` of what is returned goes to the actuator."""
-    return _one_sample(runtime, state, setpoint, measurement, None)
+def step(
+    runtime: Runtime, state: State, setpoint: float, measurement: float, added: np.floating | None = None
+) -> State:
+    """One sample; `output` of what is returned goes to the actuator.
+
+    Args:
+        runtime: the controller.
+        state: before the sample.
+        setpoint: r.
+        measurement: y.
+        added: to v after its first term, in the precision: a feed-forward; None: nothing is.
+    """
+    return _one_sample(runtime, state, setpoint, measurement, None, added)
 
 
-def track(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float) -> State:
+def track(
+    runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float,
+    added: np.floating | None = None,
+) -> State:  # fmt: skip
     """One sample in which the actuator had another output than this controller's.
 
     Args:
@@ -271,8 +284,9 @@ def track(runtime: Runtime, state: State, setpoint: float, measurement: float, a
         setpoint: as for `step`.
         measurement: as for `step`.
         applied: what the actuator had; taken within the limits.
+        added: as for `step`.
     """
-    return _one_sample(runtime, state, setpoint, measurement, applied)
+    return _one_sample(runtime, state, setpoint, measurement, applied, added)
 
 
 def follow_from(runtime: Runtime, state: State, output: np.floating) -> State:
@@ -287,14 +301,17 @@ def follow_from(runtime: Runtime, state: State, output: np.floating) -> State:
 
 
 @np.errstate(all="ignore")
-def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None) -> State:
+def _one_sample(
+    runtime: Runtime, state: State, setpoint: float, measurement: float, applied: float | None,
+    added: np.floating | None,
+) -> State:  # fmt: skip
     """(1) or (3), with (4) to (7); the state itself when a number is not finite."""
     c, dtype = runtime.stored, runtime.precision.dtype
     r, measured, held = dtype(setpoint), dtype(measurement), state
     state = _at_rest(runtime, state, measured) if state.is_new else state
     y, lagged = c.lowpass(state.lagged, measured)
     e = r - y
-    v = _total(_without_memory(runtime, r, y, e, state.filtered), state.x)
+    v = _total(_without_memory(runtime, r, y, e, state.filtered, added), state.x)
     filtered = None if state.filtered is None else state.filtered + c.derivative_shares * (y - state.filtered)
     if not (c.finite(e) and c.finite(v)):
         return held
@@ -308,7 +325,7 @@ def _one_sample(runtime: Runtime, state: State, setpoint: float, measurement: fl
         u = c.limited(dtype(applied))
         following = c.poles * state.x
         if runtime.has_integrator:
-            following[0] = u - _total(_without_memory(runtime, r, y, e, filtered), following[1:])
+            following[0] = u - _total(_without_memory(runtime, r, y, e, filtered, added), following[1:])
     if not all(part is None or np.all(np.isfinite(part)) for part in (following, filtered, lagged)):
         return held
     if applied is not None or abs(e) < c.flush_below:
@@ -333,11 +350,12 @@ def _at_rest(runtime: Runtime, state: State, y: np.floating) -> State:
 
 
 def _without_memory(
-    runtime: Runtime, r: np.floating, y: np.floating, e: np.floating, filtered: NDArray[np.floating] | None
+    runtime: Runtime, r: np.floating, y: np.floating, e: np.floating, filtered: NDArray[np.floating] | None,
+    added: np.floating | None,
 ) -> np.floating:  # fmt: skip
     """The terms of v before the sections' states."""
     c = runtime.stored
-    v = c.direct * e
+    v = c.direct * e if added is None else c.direct * e + added
     if runtime.proportional != 0.0:
         v = c.proportional * (c.setpoint_weight * r - y) + v
     if filtered is not None:

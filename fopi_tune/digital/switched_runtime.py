@@ -13,6 +13,9 @@ of both do so.
 The actuator is one: where the rate of the entered mode's output is limited, its first output is reached from the last
 output of the other mode, or of the band, cut to its own limits.  A controller that tracked has tracked just that.
 
+A mode may be fed forward: g r + (h/Ts)(r - r') is added to its output before the limits, r' being the setpoint of the
+last sample with a finite error, and r itself at the first one.
+
 At a sample whose setpoint - measurement is not finite the mode is held, and both controllers hold too.  The time of the
 dwell goes on.
 
@@ -22,13 +25,14 @@ Source: (1) is the hysteresis of the paper, with <= and >= as in `simulation.sce
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
+from fopi_tune.core.terms.feedforward import Fed
 from fopi_tune.digital import runtime
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
@@ -56,12 +60,14 @@ class Switching:
         memory: of the inactive controller.
         min_dwell_samples: from one change of the mode to the next at least; 0 and 1 are any.
         first: the mode to start in, 0 or 1.
+        fed: g and h/Ts of each mode's feed-forward; empty where there is none.
     """
 
     hysteresis: float | SwitchingLines
     memory: Memory = Memory.HELD
     min_dwell_samples: int = 0
     first: int = 0
+    fed: tuple[Fed, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,8 @@ class SwitchedRuntime:
         eps = wanted.hysteresis
         if not isinstance(eps, SwitchingLines) and not 0.0 <= self._rounded(eps) < np.inf:
             raise DomainError(f"hysteresis {eps!r} must be a number of {self.precision.value} and >= 0")
+        if not all(np.isfinite(self._rounded(gain)) for own in wanted.fed for gain in own):
+            raise DomainError(f"a gain of the feed-forward is beyond the range of {self.precision.value}; scale it")
         if self.lines.coasts and not all(low <= 0.0 <= high for low, high in (c.limits for c in self.controllers)):
             raise DomainError("modes that coast rest at an output of 0, which must lie within the limits of both")
         if wanted.min_dwell_samples < 0 or wanted.first not in (0, 1):
@@ -121,11 +129,13 @@ class SwitchedState:
         mode: the active one, 0 or 1, or `COASTING`.
         stayed: samples since it was entered, at most the minimum dwell.
         controllers: states of both controllers.
+        setpoint: of the last sample with a finite error; None before the first one.
     """
 
     mode: int
     stayed: int
     controllers: tuple[State, State]
+    setpoint: np.floating | None = None
 
     @property
     def output(self) -> np.floating:
@@ -165,14 +175,31 @@ def step(pair: SwitchedRuntime, state: SwitchedState, setpoint: float, measureme
             memories[mode] = runtime.init(controllers[mode])
         if mode != COASTING and controllers[mode].limits_rate and switching.memory is not Memory.TRACKING:
             memories[mode] = runtime.follow_from(controllers[mode], memories[mode], state.output)
-    applied = 0.0
+    applied, (added, last) = 0.0, _fed_forward(pair, state, setpoint, measurement)
     if mode != COASTING:
-        memories[mode] = runtime.step(controllers[mode], memories[mode], setpoint, measurement)
+        memories[mode] = runtime.step(controllers[mode], memories[mode], setpoint, measurement, added[mode])
         applied = float(memories[mode].output)
     if switching.memory is Memory.TRACKING:
         for idle in {0, 1} - {mode}:
-            memories[idle] = runtime.track(controllers[idle], memories[idle], setpoint, measurement, applied)
-    return replace(state, mode=mode, stayed=stayed, controllers=(memories[0], memories[1]))
+            memories[idle] = runtime.track(
+                controllers[idle], memories[idle], setpoint, measurement, applied, added[idle]
+            )
+    return SwitchedState(mode, stayed, (memories[0], memories[1]), last)
+
+
+@np.errstate(all="ignore")
+def _fed_forward(
+    pair: SwitchedRuntime, state: SwitchedState, setpoint: float, measurement: float
+) -> tuple[list[np.floating | None], np.floating | None]:
+    """What is added to each mode's output, and the setpoint to remember, in the precision."""
+    if not pair.switching.fed:
+        return [None, None], None
+    dtype = pair.precision.dtype
+    r, y = dtype(setpoint), dtype(measurement)
+    known = bool(np.isfinite(r - y))
+    change = r - state.setpoint if known and state.setpoint is not None else dtype(0.0)
+    added = [dtype(static) * r + dtype(rate) * change for static, rate in pair.switching.fed]
+    return list(added), r if known else state.setpoint
 
 
 @np.errstate(all="ignore")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.terms.feedforward import fed_by
 from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.montecarlo.joint import JointYield, all_of
@@ -87,6 +88,8 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
         system.most_switches,
         system.chattering_window_s,
         system.min_dwell_samples,
+        fed_by(tuple(mode.feedforward for mode in system.modes), system.sample_time_s),
+        system.hold_below,
     )
     return replace(scenario_of(scenario, implementation, seed), hybrid=hybrid)
 

@@ -119,6 +119,7 @@ def refuse_system_simulation(
         SpecError, DomainError: as `simulate_system`.
     """
     from fopi_tune.simulation.fractional.continuous import refuse_samples_only
+    from fopi_tune.simulation.hybrid.scenario import refuse_what_is_sampled
 
     system = load_system(source)
     refuse_accuracy(accuracy, exact)
@@ -128,6 +129,7 @@ def refuse_system_simulation(
     for each in select_scenarios(system.scenarios, scenario):
         if exact:
             refuse_samples_only(each, any(rate is not None for rate in rates))
+            refuse_what_is_sampled(system)
         for mode, family_point in zip(system.modes, _points(system, point), strict=True):
             refuse_start(each, Plants.members(mode.spec.plant, family_point[None, :]), system.sample_time_s)
     return point

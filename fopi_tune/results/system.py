@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.core.switching_lines import turns_entry
+from fopi_tune.core.terms.feedforward import fed_by
 from fopi_tune.results.simulation import ScenarioResult, draw_stamp
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.results.views.shown import Shown
@@ -118,6 +119,12 @@ class ValidatedSystem(Shown):
 
 @dataclass(frozen=True, repr=False)
 class DiscretizedSystem(Shown):
+def feedforward_entry(spec: SystemSpec) -> dict[str, dict[str, float]]:
+    """The gains of each mode that is fed forward, by its name."""
+    return {mode.name: asdict(mode.feedforward) for mode in spec.modes if mode.feedforward is not None}
+
+@dataclass(frozen=True)
+class DiscretizedSystem:
     """The digital controllers of a system's modes, and how they take turns: the result of `fopi discretize SYSTEM`.
 
     Args:
@@ -146,7 +153,8 @@ class DiscretizedSystem(Shown):
 
         spec = self.spec
         first = [mode.name for mode in spec.modes].index(spec.first)
-        return Switching(spec.hysteresis, Memory(spec.inactive), spec.min_dwell_samples, first)
+        fed = fed_by(tuple(mode.feedforward for mode in spec.modes), spec.sample_time_s)
+        return Switching(spec.hysteresis, Memory(spec.inactive), spec.min_dwell_samples, first, fed)
 
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
@@ -159,6 +167,7 @@ class DiscretizedSystem(Shown):
             "name": self.spec.name,
             "gains": {name: numbers_of(found) for name, found in self.gains.items()},
             **turns_entry(self.spec.lines, *(mode.name for mode in self.spec.modes)),
+            **({"feedforward": fed} if (fed := feedforward_entry(self.spec)) else {}),
             "inactive": self.spec.inactive,
             "first": self.spec.first,
             "min_dwell_s": self.spec.min_dwell_s,

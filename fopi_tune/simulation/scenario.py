@@ -8,7 +8,9 @@ At sample k, in this order:
     applied = the last one moved towards u by at most rate Ts; u itself where it is within reach                     (4)
 
 and the plant runs to sample k + 1 under `applied`, delayed, plus the load.  Its states below `Precision.flush_below`
-become 0, as the controller's do: at rest they would stay subnormal numbers, which are slow.
+become 0, as the controller's do: at rest they would stay subnormal numbers, which are slow.  Two modes may have a
+standstill: with y' = p y + g (u + w) the output of such a mode's plant does not go below 0, and stays there while
+g (u + w) < h.
 
 Source: definitions of the spec's words.
 """
@@ -26,6 +28,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.switching_lines import SwitchingLines
+from fopi_tune.core.terms.feedforward import Fed
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
@@ -165,6 +168,8 @@ class Hybrid:
         most_switches: more than these within the window is chattering.
         window_s: the window, s.
         min_dwell_samples: from one jump to the next at least; 0 and 1 are any.  The first mode may be left at once.
+        fed: g and h/Ts of each mode's feed-forward of the setpoint; empty where there is none.
+        hold_below: h of each mode's standstill, output unit per s, -inf for a mode without; empty where there is none.
     """
 
     half_width: float | SwitchingLines
@@ -173,6 +178,8 @@ class Hybrid:
     most_switches: int = 5
     window_s: float = 2.0
     min_dwell_samples: int = 0
+    fed: tuple[Fed, ...] = ()
+    hold_below: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         SwitchingLines.of(self.half_width)

@@ -17,6 +17,7 @@ from fopi_tune.core.plant import JointFamily, PlantFamily
 from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.core.terms.controller_spec import ControllerSpec as ControllerSpec
 from fopi_tune.core.terms.controller_spec import GainRange as GainRange
+from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.requirement import Relation as Relation
 from fopi_tune.quantities.requirement import Requirement as Requirement
@@ -278,11 +279,16 @@ class ModeSpec:
         name: of the mode.
         spec: its plant, its digital controller, and how to find its gains.
         gains: when the system names them; None leaves them to the spec.
+        feedforward: of the setpoint; None without one.
+        hold_below_per_s: the output of its plant does not go below 0, and stays there while the plant's input, with the
+            load, drives it by less than this, output unit per s; None for a plant without a standstill.
     """
 
     name: str
     spec: DesignSpec
     gains: FoPi | None = None
+    feedforward: FeedForward | None = None
+    hold_below_per_s: float | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -346,6 +352,12 @@ class SystemSpec:
     def lines(self) -> SwitchingLines:
         """Where the modes take turns."""
         return SwitchingLines.of(self.hysteresis)
+
+    @property
+    def hold_below(self) -> tuple[float, ...]:
+        """Of each mode's standstill, output unit per s, -inf for a mode without; empty where there is none."""
+        every = [mode.hold_below_per_s for mode in self.modes]
+        return tuple(-math.inf if each is None else each for each in every) if every != [None, None] else ()
 
     @property
     def judged_limits(self) -> tuple[Limit, ...]:

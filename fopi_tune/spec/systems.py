@@ -125,6 +125,8 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
             where.refuse(f"the {mode.name} is under tune: its gains are designed; remove one of the two")
     refuse_crossed_lines(system, section)
     refuse_limits_without_rest(system, section)
+    _refuse_bumpless(system, place)
+    _refuse_start_below_standstill(system, place)
     _refuse_short_window(system, section)
     _refuse_long_dwell(system, section)
     _refuse_accelerations(system, limits)
@@ -212,6 +214,26 @@ def _refuse_short_window(system: SystemSpec, place: Place) -> None:
             f"{system.window_s:g} s cannot hold {system.most_switches + 1} samples of {system.sample_time_s:g} s, so "
             f"that nothing would chatter; write at least {shortest:g}, or leave it out for {2 * shortest:g}"
         )
+
+
+def _refuse_bumpless(system: SystemSpec, place: Place) -> None:
+    """Reports a bumpless start with a feed-forward, which would add to it."""
+    fed = [mode.name for mode in system.modes if mode.feedforward is not None]
+    for index, scenario in enumerate(system.scenarios):
+        if fed and scenario.bumpless:
+            place.child("scenarios").item(index).child("bumpless").refuse(
+                f"the {fed[0]}'s feedforward would come on top of the input that held the plant; remove one of the two"
+            )
+
+
+def _refuse_start_below_standstill(system: SystemSpec, place: Place) -> None:
+    """Reports an initial output below 0 in a system with a standstill."""
+    still = [mode.name for mode in system.modes if mode.hold_below_per_s is not None]
+    for index, scenario in enumerate(system.scenarios):
+        if still and scenario.initial_output < 0.0:
+            place.child("scenarios").item(index).child("initial_output").refuse(
+                f"the {still[0]}'s standstill keeps the output at 0 or above; start there, or remove standstill"
+            )
 
 
 def _refuse_long_dwell(system: SystemSpec, place: Place) -> None:

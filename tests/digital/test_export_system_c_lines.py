@@ -68,6 +68,50 @@ def test_a_limited_rate_begins_at_the_output_that_rested(tmp_path: Path, compile
     assert float(state.output) == pytest.approx(0.5 * TS, abs=1e-15)
 
 
+#: g and h/Ts of both modes
+FED = ((0.03, 0.2), (0.011, 0.0))
+
+
+@pytest.mark.thinned(slow=["reset"])
+@with_each_compiler
+@pytest.mark.parametrize("memory", Memory)
+def test_a_feed_forward_is_met_bit_for_bit(tmp_path: Path, memory: Memory, compiler: str) -> None:
+    without_integral = mode_export("brake", FoPi(0.07, 0.0, 1.0), (-1.0, 0.0))
+    modes = exported(Switching(0.5)).modes[0], replace(without_integral, rate_per_s=1.5)
+    for name, turns in (("hysteresis", 0.5), ("band", BAND)):
+        export = exported(Switching(turns, memory, 2, fed=FED), modes=modes)
+        done = replayed(built(export_system_c(export), tmp_path / name, compiler, "-O2"))
+        assert done.returncode == 0, done.stdout + done.stderr
+    operations = system_operations(pair_of(exported(Switching(0.5, memory))))
+    outputs = [replay(pair_of(exported(Switching(0.5, memory, fed=fed))), operations)[0] for fed in (FED, ())]
+    assert not np.array_equal(outputs[0], outputs[1])
+
+
+@pytest.mark.parametrize("memory", Memory)
+def test_a_run_that_is_fed_forward_is_the_compiled_simulation_bit_for_bit(memory: Memory) -> None:
+    pair = pair_of(exported(Switching(BAND, memory, 2, fed=FED)))
+    levels = np.concatenate([np.linspace(2.0, 18.0, 80), np.full(60, 6.0), np.linspace(6.0, 11.0, 60)])
+    hybrid = Hybrid(BAND, InactiveController.of(memory), min_dwell_samples=2, fed=FED)
+    scenario = Scenario(TS, Signals(levels), Sensor(0.0, 0.4, 5), start=Start(2.0, InitialInput.FREE), hybrid=hybrid)
+    plants = (
+        Plants(np.array([[4.39]]), np.array([[1.0, 0.17]]), np.zeros(1)),
+        Plants(np.array([[1.0]]), np.array([[2.25, 1.0]]), np.zeros(1)),
+    )
+    found = simulate([Mode(c, each) for c, each in zip(pair.controllers, plants, strict=True)], scenario)
+    rows = zip(levels.tolist(), found.measured[0].tolist(), strict=True)
+    outputs, modes = replay(pair, [Operation(Op.STEP, *row) for row in rows])
+    assert outputs.tobytes() == found.demanded[0].tobytes()
+    assert np.array_equal(modes + 1, found.mode[0])
+
+
+def test_a_sample_that_is_held_leaves_the_setpoint_before_it() -> None:
+    pair = pair_of(exported(Switching(0.5, fed=((0.0, 0.1), (0.0, 0.1)))))
+    state = step(pair, step(pair, init(pair), 1.0, 1.0), float("nan"), 1.0)
+    assert state.setpoint == 1.0
+    plain = step(pair, step(pair, init(pair), 1.0, 1.0), 1.4, 1.4)
+    assert float(step(pair, state, 1.4, 1.4).output) == float(plain.output) == pytest.approx(0.04, abs=1e-12)
+
+
 @pytest.mark.parametrize("memory", Memory)
 @pytest.mark.parametrize("name", LINES)
 def test_the_vectors_reach_every_state_and_the_lines_themselves(name: str, memory: Memory) -> None:

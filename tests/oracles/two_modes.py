@@ -21,6 +21,10 @@ class Part:
     filter: dict[str, object]
     limits: tuple[float, float]
     rate_per_s: float = np.inf
+    static_gain: float = 0.0
+    rate_gain: float = 0.0
+    #: output unit per s: at 0 the output stays while it is driven by less
+    hold_below: float = -np.inf
     x: np.ndarray = field(default_factory=lambda: np.zeros(0))
     last: float = 0.0
 
@@ -31,10 +35,14 @@ class Part:
         if self.filter["integrates"]:
             self.x[0] = self.last
 
-    def step(self, e: float, sample_time_s: float) -> float:
+    def fed(self, r: float, rate: float) -> float:
+        """What the setpoint adds."""
+        return self.static_gain * r + self.rate_gain * rate
+
+    def step(self, e: float, added: float, sample_time_s: float) -> float:
         """One sample of the controller that acts."""
         p, r, w = (np.array(self.filter[name]) for name in ("poles", "residues", "weights"))
-        v = self.filter["direct"] * e  # pyright: ignore[reportOperatorIssue]
+        v = self.filter["direct"] * e + added  # pyright: ignore[reportOperatorIssue]
         for each in self.x:
             v = v + each
         u = min(max(v, self.limits[0]), self.limits[1])
@@ -43,10 +51,10 @@ class Part:
         self.last = u
         return u
 
-    def follow(self, e: float, applied: float) -> None:
+    def follow(self, e: float, added: float, applied: float) -> None:
         """One sample of a controller that tracks what is applied."""
         u = min(max(applied, self.limits[0]), self.limits[1])
-        rest = self.filter["direct"] * e  # pyright: ignore[reportOperatorIssue]
+        rest = self.filter["direct"] * e + added  # pyright: ignore[reportOperatorIssue]
         for k in range(1, len(self.x)):
             self.x[k] = self.filter["poles"][k] * self.x[k]  # pyright: ignore
             rest = rest + self.x[k]
@@ -112,7 +120,8 @@ def drive(
     for part in parts:
         part.begin()
     state, plant, since, outputs, states = 1, 0, 10**9, [], []
-    for r, w in zip(reference, load, strict=True):
+    rates = np.diff(reference, prepend=reference[0]) / sample_time_s
+    for r, rate, w in zip(reference, rates, load, strict=True):
         before, since, applied = state, since + 1, 0.0 if state == 0 else parts[state - 1].last
         if since >= dwell:
             state = next_state(words, names, state, y, r)
@@ -125,13 +134,16 @@ def drive(
                 if part.rate_per_s < np.inf and words.get("inactive") != "tracking":
                     part.last = min(max(applied, part.limits[0]), part.limits[1])
         plant = plant if state == 0 else state - 1
-        u = parts[plant].step(r - y, sample_time_s) if state else 0.0
+        u = parts[plant].step(r - y, parts[plant].fed(r, rate), sample_time_s) if state else 0.0
         if words.get("inactive") == "tracking":
             for k, part in enumerate(parts):
                 if k != state - 1:
-                    part.follow(r - y, u)
+                    part.follow(r - y, part.fed(r, rate), u)
         outputs.append(y)
         states.append(state)
-        share = -np.expm1(-sample_time_s / parts[plant].time_constant_s)
-        y = y + share * (parts[plant].gain * (u + w) - y)
+        own = parts[plant]
+        share, stands = -np.expm1(-sample_time_s / own.time_constant_s), own.hold_below > -np.inf
+        if not (stands and y <= 0.0 and own.gain / own.time_constant_s * (u + w) < own.hold_below):
+            y = y + share * (own.gain * (u + w) - y)
+            y = max(y, 0.0) if stands else y
     return np.array(outputs), np.array(states)

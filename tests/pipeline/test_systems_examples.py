@@ -48,7 +48,13 @@ def part_of(mode: dict, spec: dict) -> Part:
         "direct": own.direct, "poles": own.poles, "residues": own.residues, "weights": own.weights,
         "tracking_gain": own.tracking_gain, "integrates": own.has_integrator,
     }  # fmt: skip
-    return Part(gain, time_constant_s, filter_of, own.limits, mode.get("output_rate_per_s", np.inf))
+    part = Part(gain, time_constant_s, filter_of, own.limits, mode.get("output_rate_per_s", np.inf))
+    fed = mode.get("feedforward", {})
+    if fed == "inverse_of_nominal_lag":
+        fed = {"static_gain": 1.0 / gain, "rate_gain": time_constant_s / gain}
+    part.static_gain, part.rate_gain = fed.get("static_gain", 0.0), fed.get("rate_gain", 0.0)
+    part.hold_below = mode.get("standstill", {}).get("hold_below_per_s", -np.inf)
+    return part
 
 
 @each_system

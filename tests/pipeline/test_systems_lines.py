@@ -12,9 +12,11 @@ from cases.c_export import replayed
 from cases.two_modes import rig, write
 
 import fopi_tune as ft
+from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.proof.switched import recheck_system
 from fopi_tune.proof.switched.documents import from_document, to_document
 from fopi_tune.report.system_page import system_report_files
+from fopi_tune.spec.load import load_system
 
 APART = "to_fan_above: 0.5\nto_heater_below: 0.1\ninactive: reset"
 ABSOLUTE = "to_fan_above: {absolute: 8.4}\nto_heater_below: -0.2"
@@ -97,3 +99,84 @@ def test_the_lines_are_told(tmp_path: Path) -> None:
     text = " ".join(system_digital_text(ft.discretize_system(write(tmp_path, turns=COASTING))).plain.split())
     assert "fan from the setpoint + 0.6 on, heater from the setpoint - 0.4 on" in text.replace("\u00a0", " ")
     assert "heater rests from the setpoint + 0 on, fan from the setpoint + 0.1 on" in text.replace("\u00a0", " ")
+
+
+def fed(folder: Path, turns: str = APART) -> Path:
+    path = write(folder, turns=turns, more=MORE)
+    text = path.read_text(encoding="utf-8")
+    words = "spec: heater.yaml, feedforward: {static_gain: 0.04, rate_gain: 0.1},"
+    path.write_text(text.replace("spec: heater.yaml,", words), encoding="utf-8")
+    return path
+
+
+@needs_gcc
+def test_a_feed_forward_is_in_every_stage_or_refused_by_name(tmp_path: Path) -> None:
+    path = fed(tmp_path)
+    gains = {"heater": {"static_gain": 0.04, "rate_gain": 0.1}}
+    made = ft.discretize_system(path)
+    assert made.to_dict()["feedforward"] == gains
+    done = replayed(made.code(), tmp_path / "c", "gcc")
+    assert done.returncode == 0, done.stdout + done.stderr
+    driven = ft.simulate_system(path).driven[0].traces
+    (tmp_path / "plain").mkdir()
+    plain = ft.simulate_system(write(tmp_path / "plain", turns=APART)).driven[0].traces
+    assert np.abs(driven.output - plain.output).max() > 0.05
+    assert ft.validate_system(path, samples=40).evidence.validation.samples == 40
+    with pytest.raises(DomainError, match="heater: feedforward belongs to the loops on samples"):
+        ft.simulate_system(path, exact=True)
+
+
+def test_a_certificate_names_a_feed_forward(tmp_path: Path) -> None:
+    system = load_system(fed(tmp_path, "hysteresis: 0.3\ninactive: reset"))
+    certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate
+    assert certificate.verdict.value == "undecided"
+    assert certificate.reason == "heater: a feed-forward of the setpoint is not modelled in this proof"
+    document = json.loads(json.dumps(to_document(certificate)))
+    gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
+    assert recheck_system(from_document(document), system, gains).accepted
+    (tmp_path / "plain").mkdir()
+    plain = rig(tmp_path / "plain", turns="hysteresis: 0.3\ninactive: reset")
+    assert not recheck_system(from_document(document), plain, gains).accepted
+
+
+def standing(folder: Path, turns: str) -> Path:
+    """A rig that cools to 0 and is pulled from there by a load."""
+    scenario = (
+        "scenarios: [{name: day, duration_s: 30, initial_output: 4, before: free, reference: [{at_s: 0, value: 0}],"
+        " load: [{at_s: 2, value: -0.2}, {at_s: 10, value: 0.03}, {at_s: 20, value: 0.2}]}]"
+    )
+    path = write(folder, turns=turns, more=MORE)
+    text = path.read_text(encoding="utf-8")
+    for name in ("heater", "fan"):
+        text = text.replace(f"spec: {name}.yaml,", f"spec: {name}.yaml, standstill: {{hold_below_per_s: 0.3}},")
+    begin, end = text.index("scenarios:"), text.index("\nlimits:") + 1
+    path.write_text(text[:begin] + scenario + "\n" + text[end:], encoding="utf-8")
+    return path
+
+
+def test_an_output_that_stands_is_held_on_samples_and_in_continuous_time(tmp_path: Path) -> None:
+    path = standing(tmp_path, COASTING)
+    for exact in (False, True):
+        t = ft.simulate_system(path, exact=exact).driven[0].traces
+        y, time_s = t.output[0], t.time_s
+        assert y.min() == 0.0
+        # 0.03 drives the nominal fan's plant, 12/(2 s + 1), by 0.18 per s
+        assert np.all(y[(time_s > 8.0) & (time_s < 19.9)] == 0.0)
+        assert np.all(t.rate[0][(time_s > 8.0) & (time_s < 19.9)] == 0.0)
+        assert y[time_s > 21.0].max() > 0.1
+    found = ft.validate_system(path)
+    assert found.evidence.validation.samples == 60
+    assert ft.simulate_system(path, replay=5).driven[0].traces.output.min() == 0.0
+
+
+def test_a_certificate_names_a_standstill(tmp_path: Path) -> None:
+    system = load_system(standing(tmp_path, "hysteresis: 0.3\ninactive: reset"))
+    certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate
+    assert certificate.verdict.value == "undecided"
+    assert certificate.reason == "heater: a standstill is not modelled in this proof"
+    document = json.loads(json.dumps(to_document(certificate)))
+    gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
+    assert recheck_system(from_document(document), system, gains).accepted
+    document["modes"][0]["hold_below_per_s"] = 0.4
+    with pytest.raises(CertificateError):
+        from_document(document)

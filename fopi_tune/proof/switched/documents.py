@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from fopi_tune.core.parametric.family import EXPRESSIONS
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold, turns_entry
+from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
@@ -169,6 +171,8 @@ def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any
             **({"most_change": controller.most_change} if controller.limits_rate else {}),
             "delay_samples": loop.delay_samples,
         },
+        **({} if loop.feedforward is None else {"feedforward": asdict(loop.feedforward)}),
+        **({} if loop.hold_below_per_s is None else {"hold_below_per_s": loop.hold_below_per_s}),
         "plant": plant_entry(loop.plant),
         "decays": None if proof is None else decay_entry(proof),
     }
@@ -212,12 +216,18 @@ def _rows(triangle: Triangle) -> list[list[float]]:
     return [list(row) for row in triangle]
 
 
+def _read_feedforward(entry: JsonObject) -> FeedForward:
+    return FeedForward(entry.number("static_gain"), entry.number("rate_gain"))
+
+
 def _read_loop(entry: JsonObject) -> tuple[SwitchedLoop, SaturatedLoopProof | None]:
     loop = SwitchedLoop(
         entry.text("name"),
         _read_controller(entry.child("controller")),
         _read_plant(entry.child("plant")),
         entry.child("controller").number("delay_samples"),
+        _read_feedforward(entry.child("feedforward")) if "feedforward" in entry.value else None,
+        entry.number("hold_below_per_s") if "hold_below_per_s" in entry.value else None,
     )
     if entry.get("decays") is None:
         return loop, None

@@ -39,6 +39,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.switching_lines import SwitchingLines
+from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
@@ -79,12 +80,16 @@ class SwitchedLoop:
         controller: as its target stores it, in float64.
         plant: the family.
         delay_samples: from the measurement to the new control, in samples.
+        feedforward: of the setpoint; None without one.
+        hold_below_per_s: of the plant's standstill at an output of 0, output unit per s; None without one.
     """
 
     name: str
     controller: Runtime
     plant: PlantFamily
     delay_samples: float = 0.0
+    feedforward: FeedForward | None = None
+    hold_below_per_s: float | None = None
 
     @property
     def is_limited(self) -> bool:
@@ -283,7 +288,8 @@ def _loop_of(system: SystemSpec, index: int, gains: FoPi) -> SwitchedLoop:
     mode = system.modes[index]
     implementation = implementation_of(mode.spec, gains)
     controller = runtime_of(implementation.sections, mode.spec)
-    return SwitchedLoop(mode.name, controller, mode.spec.plant, implementation.delay_samples)
+    own = mode.feedforward, mode.hold_below_per_s
+    return SwitchedLoop(mode.name, controller, mode.spec.plant, implementation.delay_samples, *own)
 
 
 def loop_obstacle(loop: SwitchedLoop) -> str:
@@ -297,6 +303,10 @@ def plant_obstacle(loop: SwitchedLoop) -> str:
     parameters = loop.plant.parameters
     if loop.controller.limits_rate:
         return RATE_NOT_MODELLED
+    if loop.feedforward is not None:
+        return "a feed-forward of the setpoint is not modelled in this proof"
+    if loop.hold_below_per_s is not None:
+        return "a standstill is not modelled in this proof"
     if not loop.controller.acts_on_error:
         return "a derivative, a measurement filter and a setpoint weight are not modelled in this proof"
     if isinstance(loop.plant, ParametricFamily):

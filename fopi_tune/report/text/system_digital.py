@@ -33,6 +33,10 @@ def system_digital_text(result: DiscretizedSystem) -> Text:
         lines += entry("coasting", rests)
     if dwell > 1:
         lines += entry("dwell", f"at least {dwell} samples, {with_unit(dwell * spec.sample_time_s, 's')}")
+    for mode in spec.modes:
+        if (fed := mode.feedforward) is not None:
+            told = f"of the {mode.name}: {fed.static_gain:g} r + {fed.rate_gain:g} dr/dt, before the limits"
+            lines += entry("feed-forward", told)
     lines += entry("inactive", spec.inactive)
     for mode, controller in zip(spec.modes, controllers, strict=True):
         errors = [f"{100 * error:.3g}{TIE}% up to {with_unit(omega, 'rad/s')}" for omega, error in controller.errors]

@@ -11,8 +11,8 @@ e, v and the load are lines between their values just after and just before the 
     x' = p x + f:   x_{n+1} = e^{ph} x_n + I_1 f_n + I_2 (f_{n+1} - f_n),
     I_1 = (e^{ph} - 1)/p,   I_2 = (e^{ph} - 1 - ph)/(p^2 h).                                                         (2)
 
-Where the modes coast, v is 0, the plant is that of the mode that was left last, and what each controller remembers is
-kept or follows 0.
+A standstill is that of `simulation.scenario`, by the larger drive of a step.  Where the modes coast, v is 0, the plant
+is that of the mode that was left last, and what each controller remembers is kept or follows 0.
 
 The error falls as h^2 between jumps; a jump happens at the first node beyond its line after the minimum dwell, so that
 it is up to h late.
@@ -161,13 +161,13 @@ class _Run:
         y, control, x = 0.0, end, memory
         for _ in range(1 if self.lag else _REPEATED):
             line = gain * (begin + load_after[n]), gain * (end + load[n + 1])
-            y = float(_stepped(self.output[n : n + 1], plant, *line)[0])
+            y = self._standing(mode, n, float(_stepped(self.output[n : n + 1], plant, *line)[0]), max(line))
             error = float(reference[n + 1] - y)
             x = memory if self.coasting else _stepped(memory, self.sections[self.active], float(e0), error)
             control = self._control(error, x)
             end = end if self.lag else control
         self.output[n + 1], self.memory[self.active], self.before[n + 1] = y, x, control
-        self.rate[n + 1] = -self.loops[mode].pole_rad_s * y + gain * (end + load[n + 1])
+        self.rate[n + 1] = self._rate(mode, y, gain * (end + load[n + 1]))
 
     def _node(self, n: int) -> None:
         """The jump at node n, and the values just after it."""
@@ -179,10 +179,23 @@ class _Run:
         self.after[n] = self._control(r - y, self.memory[self.active])
         self.mode[n], self.moved[n] = 0 if self.coasting else self.active, self.active
         mode, control = self._arriving(n)
-        acting = control + float(self.signals.load[1][n])
-        self.rate_after[n] = -self.loops[mode].pole_rad_s * y + self.loops[mode].gain * acting
+        gain, load = self.loops[mode].gain, float(self.signals.load[1][n])
+        self.rate_after[n] = self._rate(mode, y, gain * (control + load))
         if n == 0:
-            self.rate[0] = -self.loops[mode].pole_rad_s * y + self.loops[mode].gain * self.past
+            self.rate[0] = self._rate(mode, y, gain * self.past)
+
+    def _holds(self, mode: Mode, y: float, drive: float) -> bool:
+        """Whether the output rests at 0, held against what drives it, output unit per s."""
+        return bool(self.car.hold_below) and y <= 0.0 and drive < self.car.hold_below[mode - 1]
+
+    def _rate(self, mode: Mode, y: float, drive: float) -> float:
+        return 0.0 if self._holds(mode, y, drive) else -self.loops[mode].pole_rad_s * y + drive
+
+    def _standing(self, mode: Mode, n: int, y: float, drive: float) -> float:
+        """The output at node n + 1: it stays at 0, or ends there on its way below."""
+        if self._holds(mode, float(self.output[n]), drive):
+            return 0.0
+        return max(y, 0.0) if self.car.hold_below and math.isfinite(self.car.hold_below[mode - 1]) else y
 
     def _entered(self, y: float, r: float) -> Mode | int | None:
         """The mode that is entered, 0 for coasting; None where nothing changes."""

@@ -57,6 +57,7 @@ class HybridCar:
             that the new demand is the control before the jump, as far as the new mode's limits let it; a controller
             without an integral has no state to set.
         min_dwell_s: from one jump to the next at least, s; the first mode may be left at once.
+        hold_below: of each mode's standstill as in `simulation.scenario.Hybrid`; only equal steps have it.
 
     Raises:
         DomainError: eps or the dwell is negative or not finite, or TRACKING where no controller has an integral.
@@ -67,6 +68,7 @@ class HybridCar:
     eps: float | SwitchingLines = 0.0
     memory: Memory = Memory.HELD
     min_dwell_s: float = 0.0
+    hold_below: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         eps = self.eps

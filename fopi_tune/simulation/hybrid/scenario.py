@@ -39,7 +39,8 @@ def simulate_inclusion(
     system: SystemSpec, scenario: ScenarioSpec, gains: Sequence[FoPi], plants: Sequence[Plant],
     controllers: Sequence[Runtime], sample_time_s: float, accuracy: float | None = None,
 ) -> ContinuousSimulation:  # fmt: skip
-    """Simulate a system: with located jumps, or in equal steps where it has a computing delay, a load or a coast.
+    """Simulate a system: with located jumps, or in equal steps where it has a computing delay, a load, a coast or
+    a standstill.
 
     Args:
         system: gives hysteresis, minimum dwell, first mode, memory and the computing delay.
@@ -54,6 +55,7 @@ def simulate_inclusion(
         DomainError: the scenario has something only a sampled loop has, or invalid numbers.
     """
     refuse_samples_only(scenario, any(controller.limits_rate for controller in controllers))
+    refuse_what_is_sampled(system)
 
     def run(refined: int) -> _Run:
         return _simulated(system, scenario, gains, plants, controllers, sample_time_s, refined)
@@ -77,9 +79,20 @@ def computing_delay_s(system: SystemSpec) -> float:
     return 0.0 if digital is None else digital.delay_samples * digital.sample_time_s
 
 
+def refuse_what_is_sampled(system: SystemSpec) -> None:
+    """Refuse what only a simulation of the system on samples has.
+
+    Raises:
+        DomainError: there is such a thing.
+    """
+    for mode in system.modes:
+        if mode.feedforward is not None:
+            raise DomainError(f"{mode.name}: feedforward belongs to the loops on samples; leave it or --exact out")
+
+
 def _is_stepped(system: SystemSpec, scenario: ScenarioSpec) -> bool:
     """Whether a system's jumps cannot be located."""
-    return bool(scenario.load) or computing_delay_s(system) > 0.0 or system.lines.coasts
+    return bool(scenario.load) or computing_delay_s(system) > 0.0 or system.lines.coasts or bool(system.hold_below)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +120,9 @@ def _simulated(
     first = Mode.THROTTLE if system.first == system.modes[0].name else Mode.BRAKE
     # without any integral there is nothing to track
     memory = Memory(system.inactive) if any(gain.ki for gain in gains) else Memory.HELD
-    car = HybridCar(*loops, eps=system.hysteresis, memory=memory, min_dwell_s=system.min_dwell_s)
+    car = HybridCar(
+        *loops, eps=system.hysteresis, memory=memory, min_dwell_s=system.min_dwell_s, hold_below=system.hold_below
+    )
     loop = car.loop(first)
     at_rest = scenario.before == InitialInput.REST.value
     past = scenario.initial_output * loop.pole_rad_s / loop.gain if at_rest else 0.0

@@ -21,8 +21,12 @@ from fopi_tune.simulation.sampled.layout import (
     COASTING,
     DIRECT,
     EXCESS,
+    FED_CHANGE,
+    FED_STATIC,
+    FLOOR,
     FLUSH_BELOW,
     HIGH,
+    HOLD_BELOW,
     INTEGRATES,
     IS_NEW,
     LAST_ERROR,
@@ -96,7 +100,9 @@ def any_large(table, controllers, sections, block):
     for mode in range(controllers.shape[0]):
         for row in range(controllers.shape[1]):
             most = 1.0 if SECTIONS <= row < end and (row - SECTIONS) % 3 == 0 else _LARGE_COEFFICIENT
-            found |= row != LOW and row != HIGH and row != MOST_CHANGE and not abs(controllers[mode, row]) <= most
+            # those of limits may be infinite
+            limit = row in (LOW, HIGH, MOST_CHANGE, FLOOR, HOLD_BELOW)
+            found |= not limit and not abs(controllers[mode, row]) <= most
     for lane in range(WIDTH):
         found |= not abs(table[0, block * WIDTH + lane]) <= _LARGE
     return found
@@ -153,9 +159,19 @@ def start_at_rest(s, c, other, second, offsets, settings, y):
 
 
 @_inlined
-def without_memory(s, c, other, second, offsets, settings, r, y, e):
-    """The terms of v before the sections' states."""
+def on_error(c, other, second, fed, e, r, change):
+    """direct e, and the feed-forward of the setpoint r that changed since the last sample."""
     v = coefficient(c, DIRECT, other, second) * e
+    if fed:
+        static = coefficient(c, FED_STATIC, other, second) * broadcast(r)
+        v = v + (static + coefficient(c, FED_CHANGE, other, second) * broadcast(change))
+    return v
+
+
+@_inlined
+def without_memory(s, c, other, second, offsets, settings, r, change, y, e):
+    """The terms of v before the sections' states."""
+    v = on_error(c, other, second, settings.fed, e, r, change)
     if settings.weighted:
         weighted = coefficient(c, SETPOINT_WEIGHT, other, second) * broadcast(r) - y
         v = coefficient(c, PROPORTIONAL, other, second) * weighted + v

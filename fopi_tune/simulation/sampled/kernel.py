@@ -80,11 +80,12 @@ def _initialise(s, block, table, controllers, settings, offsets):
 
 
 @_inlined
-def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measured, check_finite):
+def _output(s, c, other, jumps, k, settings, offsets, other_old, setpoint, rate, measured, check_finite):
     """Error and output of the active controller, and whether the block must check numbers for overflow from here on.
 
     The error is that behind a measurement filter.
     """
+    r, change = setpoint
     second, e = load(s, MODE) > broadcast(0.5), broadcast(r) - measured
     own, select = controller_stages.resolve_mode(c, other, second)
     # with checks the states were updated at the end of the last sample
@@ -98,7 +99,7 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
         own, select = controller_stages.resolve_mode(c, other, second)
     if settings.hybrid and settings.coasts == 0 and bits(up | down) != 0:
         v = switching_stages.switch_and_demand(
-            s, jumps, k, c, other, up, down, offsets.active, other_old, settings, update_due, e
+            s, jumps, k, c, other, up, down, offsets.active, other_old, settings, update_due, e, setpoint
         )  # fmt: skip
         second = load(s, MODE) > broadcast(0.5)
         own, select = controller_stages.resolve_mode(c, other, second)
@@ -108,7 +109,7 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measur
         if settings.filter_order > 0:
             measured = controller_stages.filtered(s, own, select, second, offsets, settings, measured)
             e = broadcast(r) - measured
-        first = controller_stages.without_memory(s, own, select, second, offsets, settings, r, measured, e)
+        first = controller_stages.without_memory(s, own, select, second, offsets, settings, r, change, measured, e)
         if update_due:
             v = controller_stages.update_and_demand(s, own, select, second, offsets.active, settings.sections, first)
         else:
@@ -154,7 +155,7 @@ def _sample(
     # only a tracking controller alternates between two buffers of states
     other_old = offsets.inactive_1 if track and k % 2 == 1 else offsets.inactive_0
     other_new = offsets.inactive_1 if k % 2 == 0 else offsets.inactive_0
-    y, rate = plant_stages.output(s, settings, offsets)
+    y, rate = plant_stages.output(s, c, other, settings, offsets)
     measured = y
     if settings.noise_std != 0.0:
         if k % 4 == 0:
@@ -162,7 +163,11 @@ def _sample(
         measured = measured + broadcast(settings.noise_std) * load(s, NOISE + (k % 4) * WIDTH)
     if settings.quantum != 0.0:
         measured = broadcast(settings.quantum) * rounded(measured / broadcast(settings.quantum))
-    e, u, check_finite = _output(s, c, other, jumps, k, settings, offsets, other_old, r, rate, measured, check_finite)
+    # without a sample before there is no change
+    setpoint = r, r - reference[max(k - 1, 0)]
+    e, u, check_finite = _output(
+        s, c, other, jumps, k, settings, offsets, other_old, setpoint, rate, measured, check_finite
+    )
     if check_finite:
         store(
             s,
@@ -173,15 +178,16 @@ def _sample(
     if track:
         first = load(s, MODE) < broadcast(0.5)
         idle, either = controller_stages.resolve_mode(c, other, first)
+        held = load(s, OTHER_LAST_OUTPUT)
         tracked = switching_stages.track_applied(
-            s, idle, either, first, other_old, other_new, settings.sections, e, applied, load(s, OTHER_LAST_OUTPUT)
+            s, idle, either, first, other_old, other_new, settings, e, setpoint, applied, held
         )
         store(s, OTHER_LAST_OUTPUT, tracked)
         if settings.coasts:
             left = load(s, MODE) > broadcast(0.5)
             own, either = controller_stages.resolve_mode(c, other, left)
             switching_stages.track_while_coasting(
-                s, own, either, left, offsets.active, offsets.spare, settings.sections, e, applied
+                s, own, either, left, offsets.active, offsets.spare, settings, e, setpoint, applied
             )
     if k >= settings.horizon:
         plant_stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other, steps)
@@ -191,7 +197,7 @@ def _sample(
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
     plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
     if settings.hybrid:
-        after = plant_stages.advance_hybrid_states(s, settings, offsets)
+        after = plant_stages.advance_hybrid_states(s, c, other, settings, offsets)
     else:
         after = plant_stages.rate_after(s, settings, offsets, rate)
         if settings.acts_at_samples == 0:

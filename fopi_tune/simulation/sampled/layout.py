@@ -50,7 +50,7 @@ GOES_ON, REFERENCE_BEGINS, LOAD_BEGINS = 0.0, 1.0, 2.0
 #: a controller's coefficients; from SECTIONS on p, w, r of every section, then k, q of every one of the derivative,
 #: then c and d of a measurement filter
 DIRECT, GAIN, LOW, HIGH, START, INTEGRATES, MOST_CHANGE = range(7)
-PROPORTIONAL, SETPOINT_WEIGHT, SECTIONS = range(7, 10)
+PROPORTIONAL, SETPOINT_WEIGHT, FED_STATIC, FED_CHANGE, FLOOR, HOLD_BELOW, SECTIONS = range(7, 14)
 HOLD, TRACK, RESET = 0, 1, 2
 #: `Precision.FLOAT64.flush_below`; stated here because the cache of what was compiled knows this module
 FLUSH_BELOW = 2.0**-970
@@ -79,6 +79,8 @@ class Settings(NamedTuple):
     inactive: int
     limits_rate: int
     weighted: int
+    fed: int
+    stands: int
     derivatives: int
     starts_at_first_sample: int
     filter_order: int

@@ -24,8 +24,10 @@ from fopi_tune.simulation.sampled.layout import (
     CONTROL,
     DIRECTION,
     FINAL_ERROR,
+    FLOOR,
     GOES_ON,
     HIGH,
+    HOLD_BELOW,
     IAE,
     ISE,
     LOAD,
@@ -63,7 +65,7 @@ _inlined: Any = njit(forceinline=True, error_model="numpy")
 
 
 @_inlined
-def output(s, settings, offsets):
+def output(s, c, other, settings, offsets):
     """y and dy/dt just before the sample."""
     before = load(s, PREVIOUS_INPUT)
     if settings.hybrid:
@@ -71,7 +73,10 @@ def output(s, settings, offsets):
         p = offsets.plant
         pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
         gain = where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH))
-        return y, pole * y + gain * before
+        rate = pole * y + gain * before
+        if settings.stands:
+            rate = where(_stands_still(c, other, y, gain * before, first), broadcast(0.0), rate)
+        return y, rate
     n = settings.order
     c = offsets.plant + (n * n + 4 * n) * WIDTH
     y, rate = broadcast(0.0), broadcast(0.0)
@@ -79,6 +84,21 @@ def output(s, settings, offsets):
         x = load(s, offsets.x + i * WIDTH)
         y, rate = y + load(s, c + i * WIDTH) * x, rate + load(s, c + (n + i) * WIDTH) * x
     return y + load(s, c + 2 * n * WIDTH) * before, rate + load(s, c + (2 * n + 1) * WIDTH) * before
+
+
+@_inlined
+def _stands_still(c, other, y, drive, first):
+    """The lanes whose output rests at 0, held against what drives it, output unit per s."""
+    hold = where(first, broadcast(c[HOLD_BELOW]), broadcast(c[other + HOLD_BELOW]))
+    return (y <= broadcast(0.0)) & (drive < hold)
+
+
+@_inlined
+def _standing(c, other, y, following, drive, first):
+    """The output after a time of one input: it stays at 0, or ends there on its way below."""
+    floor = where(first, broadcast(c[FLOOR]), broadcast(c[other + FLOOR]))
+    following = where(following < floor, floor, following)
+    return where(_stands_still(c, other, y, drive, first), broadcast(0.0), following)
 
 
 @_inlined
@@ -285,21 +305,30 @@ def advance_states(s, settings, offsets):
 
 
 @_inlined
-def advance_hybrid_states(s, settings, offsets):
+def advance_hybrid_states(s, c, other, settings, offsets):
     """The same for two modes: the old one until the new control arrives, the new one from there.
 
     Returns dy/dt just after the new control arrives.
     """
     p, x, w = offsets.plant, load(s, offsets.x), load(s, LOAD)
     if settings.delayed:
-        first = load(s, OLD_ARRIVED_MODE) < broadcast(0.5)
+        first, late = load(s, OLD_ARRIVED_MODE) < broadcast(0.5), load(s, OLD_CONTROL) + w
+        begun = x
         x = where(first, load(s, p), load(s, p + 6 * WIDTH)) * x
         weight = where(first, load(s, p + WIDTH), load(s, p + 7 * WIDTH))
-        x = x + weight * (load(s, OLD_CONTROL) + w)
+        x = x + weight * late
+        if settings.stands:
+            drive = where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * late
+            x = _standing(c, other, begun, x, drive, first)
     first, before = load(s, ARRIVED_MODE) < broadcast(0.5), load(s, CONTROL) + w
-    pole = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH))
-    after = pole * x + where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * before
+    pole, begun = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH)), x
+    drive = where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * before
+    after = pole * x + drive
     x = where(first, load(s, p + 2 * WIDTH), load(s, p + 8 * WIDTH)) * x
-    store(s, offsets.x, flushed(x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before))
+    x = x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before
+    if settings.stands:
+        after = where(_stands_still(c, other, begun, drive, first), broadcast(0.0), after)
+        x = _standing(c, other, begun, x, drive, first)
+    store(s, offsets.x, flushed(x))
     store(s, PREVIOUS_INPUT, before)
     return after

@@ -71,20 +71,21 @@ class _ReferenceLoop:
         scenario, reference = self.scenario, float(self.scenario.signals.reference[k])
         held = self.plants[self.arrived]
         y = float(held.output[self.row] @ self.x) + float(held.direct[self.row]) * self.before
-        rate = float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
+        rate = self._rate()
         measured = self._measured(y, k)
         if scenario.hybrid is not None:
             self._switch(k, measured, reference, scenario.hybrid)
         demanded = 0.0
         if not self.coasting:
             controller = self.controllers[self.mode]
-            self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured)
+            added = self._fed(k, self.mode)
+            self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured, added)
             demanded = float(self.memory[self.mode].output)
         self._actuate(demanded)
         if scenario.hybrid is not None and scenario.hybrid.inactive is InactiveController.TRACK:
             for idle in (0, 1) if self.coasting else (1 - self.mode,):
                 self.memory[idle] = runtime.track(
-                    self.controllers[idle], self.memory[idle], reference, measured, self.last
+                    self.controllers[idle], self.memory[idle], reference, measured, self.last, self._fed(k, idle)
                 )
         self.applied.append(self.last)
         self.modes.append(self.mode)
@@ -104,6 +105,14 @@ class _ReferenceLoop:
             after,
         )
 
+    def _fed(self, k: int, mode: int) -> np.float64 | None:
+        """What the feed-forward adds to a mode's output; None without one."""
+        if self.scenario.hybrid is None or not self.scenario.hybrid.fed:
+            return None
+        reference = self.scenario.signals.reference
+        static, rate = self.scenario.hybrid.fed[mode]
+        return np.float64(static * reference[k] + rate * (reference[k] - reference[max(k - 1, 0)]))
+
     def _rate_after(self, k: int, rate: float) -> float:
         """dy/dt just after a new input arrives, the larger one of control and load."""
         i, held = self.row, self.plants[0]
@@ -118,7 +127,16 @@ class _ReferenceLoop:
 
     def _rate(self) -> float:
         held = self.plants[self.arrived]
+        if self._stands_still():
+            return 0.0
         return float(held.rate_state[self.row] @ self.x) + float(held.rate_input[self.row]) * self.before
+
+    def _stands_still(self) -> bool:
+        """Whether the output rests at 0, held against what drives it."""
+        hybrid = self.scenario.hybrid
+        if hybrid is None or not hybrid.hold_below or self.x[0] > 0.0:
+            return False
+        return float(self.plants[self.arrived].rate_input[self.row]) * self.before < hybrid.hold_below[self.arrived]
 
     def _measured(self, y: float, k: int) -> float:
         sensor = self.scenario.sensor
@@ -184,8 +202,13 @@ class _ReferenceLoop:
             self.arrived = self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1
             control = self.plants[self.arrived].control
             self.before = self._control(place) + load
-            after = self._rate()
+            after, stands = self._rate(), self._stands_still()
             self.x = control.transition[segment, i] @ self.x + control.weight[segment, i] * self.before
+            # the first segment lasts no time where the control arrives at the sample
+            if stands and np.any(control.weight[segment, i] != 0.0):
+                self.x = np.zeros(1)
+            elif (hold := self.scenario.hybrid.hold_below) and math.isfinite(hold[self.arrived]):
+                self.x = np.maximum(self.x, 0.0)
         return after
 
     def _control(self, place: int) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.terms.feedforward import NOT_FED
 from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.layout import (
@@ -23,6 +24,7 @@ from fopi_tune.simulation.sampled.layout import (
     BEFORE,
     BEGINS,
     DIRECTION,
+    FED_STATIC,
     INTEGRATES,
     LOAD_BEGINS,
     PROPORTIONAL,
@@ -200,6 +202,7 @@ def _run(
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * count * blocks * WIDTH if keep else 0)
     controllers = np.array([_coefficients(mode.controller, settings) for mode in modes])
+    controllers[:, FED_STATIC:SECTIONS] = _mode_coefficients(scenario.hybrid, len(modes))
     scratch, jumps = _aligned(offsets.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(count, dtype=np.int64)
     reference, steps = scenario.signals.reference, _step_rows(scenario, horizon)
     run_blocks(
@@ -228,6 +231,17 @@ def _filter_order(controller: Runtime) -> int:
     return 0 if used is None else 1 if used.damping is None else 2
 
 
+def _mode_coefficients(hybrid: Hybrid | None, count: int) -> Array:
+    """What a system says of its modes, in the order of `layout`, shape (count, 4)."""
+    rows = np.tile([*NOT_FED, -np.inf, -np.inf], (count, 1))
+    if hybrid is not None and hybrid.fed:
+        rows[:, :2] = hybrid.fed
+    if hybrid is not None and hybrid.hold_below:
+        rows[:, 2] = [0.0 if np.isfinite(each) else each for each in hybrid.hold_below]
+        rows[:, 3] = hybrid.hold_below
+    return rows
+
+
 def _coefficients(controller: Runtime, settings: Settings) -> Array:
     """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
     end = SECTIONS + 3 * settings.sections
@@ -237,7 +251,7 @@ def _coefficients(controller: Runtime, settings: Settings) -> Array:
     rows = np.zeros(last + 2 * (settings.filter_order > 0))
     rows[:INTEGRATES] = controller.direct, controller.tracking_gain, low, high, start
     rows[INTEGRATES:PROPORTIONAL] = controller.has_integrator, controller.most_change
-    rows[PROPORTIONAL:SECTIONS] = controller.proportional, controller.setpoint_weight
+    rows[PROPORTIONAL:FED_STATIC] = controller.proportional, controller.setpoint_weight
     if controller.derivative is not None:
         rows[end:last:2], rows[end + 1 : last : 2] = controller.derivative.gains, controller.derivative.shares
     if used is not None:
@@ -299,6 +313,8 @@ def _settings(
         coast_below_absolute=int(coast_below[1]),
         inactive=int(hybrid.inactive),
         limits_rate=int(any(mode.controller.limits_rate for mode in modes)),
+        fed=int(bool(hybrid.fed)),
+        stands=int(bool(hybrid.hold_below)),
         weighted=int(any(mode.controller.proportional != 0.0 for mode in modes)),
         derivatives=max(_derivatives(mode.controller) for mode in modes),
         starts_at_first_sample=int(any(mode.controller.starts_at_first_sample for mode in modes)),

@@ -18,6 +18,7 @@ from fopi_tune.simulation.sampled.controller_stages import (
     flushed,
     is_finite,
     next_state,
+    on_error,
     resolve_mode,
     saturate,
     store_maximum,
@@ -28,7 +29,6 @@ from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     CHATTERING,
     COASTING,
-    DIRECT,
     EXCESS,
     INTEGRATES,
     LAST_ERROR,
@@ -53,12 +53,13 @@ _inlined: Any = njit(forceinline=True, error_model="numpy")
 
 
 @_inlined
-def track_applied(s, c, other, second, old, new, sections, e, applied, held):
+def track_applied(s, c, other, second, old, new, settings, e, setpoint, applied, held):
     """One sample of a controller that does not act and tracks the applied control; returns its output.
 
-    `held` is that output where a number is not finite.
+    `setpoint` is r and its change, `held` that output where a number is not finite.
     """
-    rest = coefficient(c, DIRECT, other, second) * e
+    sections = settings.sections
+    rest = on_error(c, other, second, settings.fed, e, *setpoint)
     v = demand(s, old, sections, rest)
     total = applied + v
     for i in range(1, sections):
@@ -82,12 +83,12 @@ def track_applied(s, c, other, second, old, new, sections, e, applied, held):
 
 
 @_inlined
-def track_while_coasting(s, c, other, second, states, spare, sections, e, applied):
+def track_while_coasting(s, c, other, second, states, spare, settings, e, setpoint, applied):
     """The same of the controller of the mode that was left last, in the lanes that coast."""
     resting, last = load(s, COASTING) > broadcast(0.5), load(s, LAST_OUTPUT)
-    u = track_applied(s, c, other, second, states, spare, sections, e, applied, last)
+    u = track_applied(s, c, other, second, states, spare, settings, e, setpoint, applied, last)
     store(s, LAST_OUTPUT, where(resting, u, last))
-    for i in range(sections):
+    for i in range(settings.sections):
         store_where(s, states + i * WIDTH, resting, load(s, spare + i * WIDTH))
 
 
@@ -185,7 +186,7 @@ def expire_switches(s, jumps, k, window):
 
 
 @_inlined
-def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings, update_due, e):
+def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings, update_due, e, setpoint):
     """`update_states` where it is due, the change of mode of some lanes, and `demand`."""
     before, jumping = load(s, MODE) > broadcast(0.5), up | down
     mode = where(up, broadcast(1.0), where(down, broadcast(0.0), load(s, MODE)))
@@ -203,7 +204,7 @@ def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings,
     store(s, MODE, mode)
     store_where(s, APPLIED, jumping, saturate(new, choose, second, load(s, APPLIED)))
     seen, d = load(s, LAST_ERROR), load(s, EXCESS)
-    v = coefficient(new, DIRECT, choose, second) * e
+    v = on_error(new, choose, second, settings.fed, e, *setpoint)
     for i in range(settings.sections):
         one, two = states + i * WIDTH, others + i * WIDTH
         x, held = load(s, one), load(s, two)

@@ -11,15 +11,17 @@ from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.fractional_plants.family import is_fractional
 from fopi_tune.core.measured.family import MeasuredFamily
+from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
 from fopi_tune.spec.modes.names import EXAMPLE, FAMILIAR, MODE_PATTERN, NAME_RULE, foreign_pattern
 from fopi_tune.spec.modes.turns import line_keys, line_rules, misnamed_lines, read_turns
-from fopi_tune.spec.yaml.nodes import Place
+from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
-from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, Shape, Text
+from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, PlainOrMapping, Shape, Text
 
 _INACTIVE = ("held", "tracking", "reset")
+INVERSE = "inverse_of_nominal_lag"
 
 #: path as it is written in the system file -> the spec there
 SpecLoader = Callable[[str], DesignSpec]
@@ -100,7 +102,35 @@ def _mode_shape(name: str) -> Record:
     keys["output_limits"] = Key(Pair("limits of its control, in place of its spec's", Number("limit")), required=False)
     rate = Number("fastest change of its control by the controller, per s, in place of its spec's", above=0)
     keys["output_rate_per_s"] = Key(rate, required=False)
+    keys["feedforward"] = Key(_feedforward_shape(), required=False)
+    hold = "while its input and the load drive it by less than this, output unit per s, it stays at 0"
+    still = {"hold_below_per_s": Key(Number(hold, at_least=0))}
+    keys["standstill"] = Key(
+        Record(
+            "that its plant's output does not go below 0, and is held there", still,
+            lambda values, place: float(values["hold_below_per_s"]), "{hold_below_per_s: 0.5}",
+        ),
+        required=False,
+    )  # fmt: skip
     return Record(f"the {name}", keys, lambda values, place: values, f"{{spec: {name}.yaml}}")
+
+
+def _feedforward_shape() -> Shape:
+    gains = {
+        "static_gain": Key(Number("times the setpoint, control unit per output unit"), required=False),
+        "rate_gain": Key(Number("times the setpoint's rate, control unit per output unit and second"), required=False),
+    }
+    meaning = "what the setpoint adds to its control before the limits"
+
+    def build(values: Values, place: Place) -> FeedForward | None:
+        if values:
+            return FeedForward(**{name: float(value) for name, value in values.items()})
+        if isinstance(place.node, MappingNode) and not place.node.entries:
+            place.refuse("nothing is fed forward; write static_gain, rate_gain, or both")
+        return None
+
+    record = Record(meaning, gains, build, "{static_gain: 0.02, rate_gain: 0.1}", rules={"minProperties": 1})
+    return PlainOrMapping(Choice(meaning, (INVERSE,)), record)
 
 
 def _build_gains(values: Values, place: Place) -> FoPi | None:
@@ -133,7 +163,22 @@ def read_mode(name: str, values: Values, place: Place, loader: SpecLoader) -> Mo
     own = {key: values[key] for key in ("output_limits", "output_rate_per_s") if key in values}
     if own:
         spec = replace(spec, digital=replace(spec.digital, **own))
-    return ModeSpec(name, spec, values.get("gains"))
+    fed = values.get("feedforward")
+    if fed == INVERSE and (fed := _inverse_of(spec)) is None:
+        place.child("feedforward").refuse(
+            f"{INVERSE} is of a lag K/(tau s + 1), which the {name}'s plant is not; write {{static_gain: ..., "
+            "rate_gain: ...}"
+        )
+        return None
+    return ModeSpec(name, spec, values.get("gains"), fed, values.get("standstill"))
+
+
+def _inverse_of(spec: DesignSpec) -> FeedForward | None:
+    """The inverse of the nominal plant, where that is a lag with a gain."""
+    nominal = spec.plant.member(spec.plant.nominal_point)
+    lead, rest = nominal.denominator
+    top = nominal.numerator[-1]
+    return FeedForward.inverse_of_lag(top / rest, lead / rest) if rest / lead > 0.0 and top else None
 
 
 def _problem(spec: DesignSpec) -> str | None:

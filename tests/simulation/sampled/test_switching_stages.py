@@ -117,3 +117,64 @@ def test_a_held_memory_continues_after_coasting() -> None:
     entered = (held.mode[:, 1:] == 1) & (held.mode[:, :-1] == 0)
     differs = held.demanded[:, 1:][entered] - np.clip(direct * held.error[:, 1:][entered], 0.0, 1.0)
     assert np.abs(differs).max() > 1e-3
+
+
+@pytest.mark.parametrize("inactive", list(InactiveController))
+@pytest.mark.parametrize("lines", [RELATIVE, COASTING], ids=["r", "coast"])
+def test_what_is_fed_forward_is_the_same_in_both_runs(lines: SwitchingLines, inactive: InactiveController) -> None:
+    ramp = np.concatenate([np.linspace(12.0, 18.0, 40), np.full(40, 6.0), np.linspace(6.0, 10.0, 40)])
+    for fed, rates in ((((0.02, 0.05), (0.05, 0.3)), (None, None)), (((0.03, 0.0), (0.0, 0.0)), (0.4, None))):
+        scenario = driven(lines, inactive)
+        hybrid = dataclasses.replace(scenario.hybrid or Hybrid(0.0), fed=fed)
+        scenario = dataclasses.replace(scenario, hybrid=hybrid, signals=Signals(ramp))
+        both = modes(rates)
+        found = simulate(both, scenario)
+        assert_same(found, plainly(both, scenario))
+        without = simulate(both, dataclasses.replace(scenario, hybrid=dataclasses.replace(hybrid, fed=())))
+        assert np.abs(found.output - without.output).max() > 0.1
+
+
+def test_nothing_fed_forward_is_no_change_at_all() -> None:
+    scenario = driven(RELATIVE, InactiveController.TRACK)
+    hybrid = dataclasses.replace(scenario.hybrid or Hybrid(0.0), fed=((0.0, 0.0), (0.0, 0.0)))
+    one, two = simulate(modes(), scenario), simulate(modes(), dataclasses.replace(scenario, hybrid=hybrid))
+    assert np.array_equal(one.output, two.output)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 1.0, 2.3])
+def test_a_standstill_is_the_same_in_both_runs(delay: float) -> None:
+    levels = np.concatenate([np.linspace(6.0, 0.0, 40), np.zeros(40), np.linspace(0.0, 5.0, 40)])
+    load = np.where(np.arange(STEPS) < 60, -0.35, 0.1)
+    for hold in ((1.2, 0.3), (-np.inf, 0.2), (0.0, -np.inf)):
+        hybrid = dataclasses.replace(driven(COASTING, InactiveController.RESET).hybrid or Hybrid(0.0), hold_below=hold)
+        scenario = Scenario(
+            TS, Signals(levels, load), actuator=Actuator(delay_samples=delay), start=Start(6.0, InitialInput.FREE),
+            hybrid=hybrid,
+        )  # fmt: skip
+        both = modes()
+        found = simulate(both, scenario)
+        assert_same(found, plainly(both, scenario))
+        np.testing.assert_allclose(found.rate, plainly(both, scenario).rate, atol=1e-9)
+        np.testing.assert_allclose(found.rate_after, plainly(both, scenario).rate_after, atol=1e-9)
+        if -np.inf not in hold:
+            held = (found.output == 0.0) & (found.rate == 0.0)
+            assert (held.sum(axis=1) > 3).any()
+            assert found.output.min() == 0.0
+
+
+def test_what_rests_begins_to_move_when_it_is_driven_enough() -> None:
+    # y' = -0.5 y + 2 (u + w) of a control that rests: held up to a drive of 0.8
+    plants = Plants(np.array([[2.0]]), np.array([[1.0, 0.5]]), np.zeros(1))
+    load = np.repeat([0.0, 0.3, 0.5, 0.3, -0.2], 20)
+    hybrid = Hybrid(SwitchingLines(Threshold(9.0), Threshold(-9.0), Threshold(-8.0), Threshold(8.0)),
+                    hold_below=(0.8, 0.8))  # fmt: skip
+    scenario = Scenario(TS, Signals(np.zeros(100), load), start=Start(0.0, InitialInput.FREE), hybrid=hybrid)
+    both = [Mode(mode.controller, plants) for mode in modes()]
+    y = simulate(both, scenario).output[0]
+    assert np.all(y[:41] == 0.0)
+    # 0.5 drives by 1; from there the lag's own steps, also with 0.3, which would not have set it in motion
+    expected, decay = [0.0], np.exp(-0.5 * TS)
+    for w in load[40:-1]:
+        expected.append(max(decay * expected[-1] + (1.0 - decay) * 4.0 * w, 0.0))
+    np.testing.assert_allclose(y[40:], expected, atol=1e-12)
+    assert y[-1] == 0.0
