@@ -26,6 +26,7 @@ from fopi_tune.errors import DomainError, FopiError, SpecError
 if TYPE_CHECKING:
     from fopi_tune.study import Machines, StudyResult
     from fopi_tune.study.model import Study
+    from fopi_tune.study.table import StudyTable
 
 TABLE, PARQUET = "table.csv", "table.parquet"
 _MOST_FAILURES = 20
@@ -169,6 +170,8 @@ def _run_study(loaded: Study, machines: Machines, options: _StudyOptions) -> Exi
 
 
 def _write_files(result: StudyResult, folder: Path, options: _StudyOptions) -> Exit:
+    from fopi_tune.study.best import BEST_YAML
+
     files: dict[str, str | bytes] = {TABLE: result.table.to_csv()}
     if options.parquet:
         files[PARQUET] = result.table.to_parquet()
@@ -181,6 +184,8 @@ def _write_files(result: StudyResult, folder: Path, options: _StudyOptions) -> E
             say(f"cannot write {folder / name} ({reason_of(error)}); choose another folder with --out")
             return Exit.BAD_INPUT
         options.note(f"{result.study.name}: wrote {folder / name}")
+    if result.table.best is not None and BEST_YAML not in files and (folder / BEST_YAML).exists():
+        say(f"{result.study.name}: {BEST_YAML} in {folder} is of an earlier result, not of this one")
     return Exit.MET
 
 
@@ -201,8 +206,18 @@ def _document(result: StudyResult) -> dict[str, object]:
         "name": result.study.name,
         "cells": {"total": counts.total, "done": counts.done, "failed": counts.failed},
         "undecided": result.table.undecided,
+        **_best(result.table),
         "rows": result.table.to_dicts(),
     }
+
+
+def _best(table: StudyTable) -> dict[str, object]:
+    """The best cell, in a study that asks for one."""
+    best = table.best
+    if best is None:
+        return {}
+    cell = None if best.index is None else best.index + 1
+    return {"best": {"cell": cell, "value": best.value, "message": best.message}}
 
 
 def _print_status(folder: str, as_json: bool) -> Exit:

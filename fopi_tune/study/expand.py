@@ -13,9 +13,11 @@ from fopi_tune.spec.yaml.hints import unknown_word_message
 from fopi_tune.study.cells.axes import CHECK
 from fopi_tune.study.cells.bases import BaseSpec
 from fopi_tune.study.cells.checks import CellChecker, CellProblems
-from fopi_tune.study.language import ALL, PlacedWord, StudyFile
+from fopi_tune.study.language import StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
 from fopi_tune.study.overrides import Override, plain_value
+from fopi_tune.study.table import known_columns
+from fopi_tune.study.words import ALL, PlacedWord
 
 #: columns that are collected by default
 _DEFAULT_COLUMNS = {
@@ -66,7 +68,10 @@ def expand(
         cells += [Cell(len(cells) + i, kind, name, {}, registry) for i, name in enumerate(_chosen_names(wanted, known))]
     if problems.found:
         raise problems.error()
-    return Study(study.name, tuple(cells), _collected(study, bases), study.description)
+    made = Study(study.name, tuple(cells), _collected(study, bases), study.description)
+    if study.best is None:
+        return made
+    return replace(made, best=study.best.checked(study.file, known_columns(made)))
 
 
 def _refuse_systems_from_a_base(study: StudyFile, bases: Sequence[BaseSpec]) -> None:

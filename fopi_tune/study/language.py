@@ -9,31 +9,21 @@ from typing import Any
 
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
-from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode
-from fopi_tune.spec.yaml.problems import Mark
+from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
-from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
+from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, PlainOrMapping, Text, Version
+from fopi_tune.study.best import PlacedBest, best_shape
 from fopi_tune.study.cells.axes import CHECK, AnyValue, Axis, AxisValues, PathMapping
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
 from fopi_tune.study.overrides import PATH_PATTERN
+from fopi_tune.study.words import AllOrList, ColumnMapping, PlacedWord, WithPlace
 
-#: all entries of a registry
-ALL = "all"
 _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
 #: columns of every table
 _COLUMNS = ("cell", "spec", "entry", "outcome", "reason")
 _LARGEST_LIMIT = 10_000_000
 #: overrides of a check that name gains, or their ranges
 _GAINS_OF_CHECK = re.compile(rf"{CHECK}(controller|system\.\w+\.(gains|spec\.controller))\b")
-
-
-@dataclass(frozen=True)
-class PlacedWord:
-    """A word of the study and where it is written."""
-
-    word: str
-    mark: Mark
-    path: str
 
 
 @dataclass(frozen=True)
@@ -53,52 +43,7 @@ class StudyFile:
     limit_cells: int
     claims: tuple[PlacedWord, ...]
     figures: tuple[PlacedWord, ...]
-
-
-@dataclass(frozen=True)
-class ColumnMapping(Shape):
-    """A mapping from names of columns to paths into a cell's result."""
-
-    meaning: str
-    path: Shape
-
-    def read(self, place: Place) -> dict[str, str] | None:
-        assert isinstance(place.node, MappingNode)
-        found = {key: self.path.read(place.child(key)) for key in place.node.entries}
-        return None if None in found.values() else found
-
-    def json_schema(self) -> JsonSchema:
-        return {"type": "object", "description": self.meaning, "additionalProperties": self.path.json_schema()}
-
-
-@dataclass(frozen=True)
-class WithPlace(Shape):
-    """A word, read together with its place."""
-
-    shape: Shape
-
-    def read(self, place: Place) -> PlacedWord | None:
-        word = self.shape.read(place)
-        return None if word is None else PlacedWord(word, place.mark, place.path)
-
-    def json_schema(self) -> JsonSchema:
-        return self.shape.json_schema()
-
-
-@dataclass(frozen=True)
-class AllOrList(Shape):
-    """The word `all`, or a list."""
-
-    names: ListOf
-
-    def read(self, place: Place) -> list[PlacedWord] | None:
-        if isinstance(place.node, SequenceNode):
-            return self.names.read(place)
-        word = WithPlace(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
-        return None if word is None else [word]
-
-    def json_schema(self) -> JsonSchema:
-        return {"anyOf": [{"const": ALL}, self.names.json_schema()]}
+    best: PlacedBest | None = None
 
 
 #: the default of `stages`
@@ -128,6 +73,7 @@ def study_shape() -> Record:
             Choice("where the search of a cell's gains begins", [s.value for s in Starts]), False, Starts.ALL.value
         ),
         "collect": Key(columns, required=False),
+        "best": Key(best_shape(), required=False),
         "limit_cells": Key(limit, False, LIMIT_CELLS),
         "claims": Key(AllOrList(ListOf("claims to recompute", entry, 1)), required=False),
         "figures": Key(AllOrList(ListOf("figures to draw", entry, 1)), required=False),
@@ -161,6 +107,7 @@ def read_study(place: Place) -> StudyFile | None:
         limit_cells=values.get("limit_cells", LIMIT_CELLS),
         claims=tuple(values.get("claims", ())),
         figures=tuple(values.get("figures", ())),
+        best=values.get("best"),
     )
 
 
@@ -178,7 +125,7 @@ def _columns(values: Values) -> tuple[Column, ...]:
 def _check_between_sections(values: Values, place: Place) -> None:
     if not any(place.has(key) for key in ("specs", "claims", "figures")):
         place.refuse("there is nothing to study; add specs: [FILE], with the paths of specs from this file's folder")
-    for key in ("cells", "grid", "zip", "stages", "starts", "collect"):
+    for key in ("cells", "grid", "zip", "stages", "starts", "collect", "best"):
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
     _refuse_duplicate_paths(values, place)
@@ -233,7 +180,8 @@ def _refuse_overrides_without_effect(values: Values, place: Place) -> None:
 def _refuse_duplicate_columns(values: Values, place: Place) -> None:
     """Reports columns whose name is used already."""
     groups = [values.get("grid"), values.get("zip"), *(values.get("cells") or ())]
-    used_names = {*_COLUMNS, *(axis.path for axes in groups for axis in axes or ())}
+    marked = ("best",) if place.has("best") else ()
+    used_names = {*_COLUMNS, *marked, *(axis.path for axes in groups for axis in axes or ())}
     given, where = values.get("collect"), place.child("collect")
     if given is None:
         return

@@ -114,6 +114,11 @@ class Ledger:
                     raise LedgerError(f"{message}; move the file away to begin anew, or choose another --out")
                 yield position, result
 
+    def document_of(self, index: int) -> str:
+        """The result of a cell of the plan, as JSON."""
+        query = "SELECT r.document FROM plan p JOIN results r USING (key) WHERE p.position"
+        return str(self._fetch_all(f"{query} = {int(index)}")[0][0])
+
     def seconds(self) -> float:
         """Total computing time of the plan's results, seconds."""
         return float(self._fetch_all("SELECT TOTAL(r.seconds) FROM plan p JOIN results r USING (key)")[0][0])

@@ -27,7 +27,7 @@ from fopi_tune.results.design import Design
 from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.study.model import Cell, Kind, Stage
+from fopi_tune.study.model import SUCCESS_STATUSES, Cell, Kind, Stage
 from fopi_tune.study.overrides import Files, spec_from_text
 from fopi_tune.study.registry import entries, render_figure
 from fopi_tune.study.system_stages import run_system
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 #: sizes of a worker's caches: gains of base specs, and designs
 _MAX_BASES = 64
 _MAX_DESIGNS = 16
-#: statuses with which a cell goes on to its next stage
-SUCCESS_STATUSES = ("solved", "met", "settles", "made")
 #: one cell at a time in a process: CasADi and the cached problems are not thread-safe
 _CELL_LOCK = threading.Lock()
 

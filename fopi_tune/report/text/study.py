@@ -14,8 +14,11 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
+from fopi_tune.spec.model import Sense
 from fopi_tune.study import StudyResult
-from fopi_tune.study.table import StudyTable, Value
+from fopi_tune.study.best import Best
+from fopi_tune.study.model import Value
+from fopi_tune.study.table import StudyTable
 
 _WIDTH = 80
 _GAP = 2
@@ -48,6 +51,7 @@ def study_text(result: StudyResult, file: str) -> Text:
     told += [f"{counts.failed} failed"] if counts.failed else []
     told += [f"{table.undecided} undecided"] if table.undecided else []
     lines = [f"{result.study.name}: {', '.join(told)}."]
+    lines += [] if table.best is None else textwrap.wrap(_best(result, table.best), _WIDTH, subsequent_indent="    ")
     for row in table.claims:
         lines += ["", *_claim(row)]
     if not table.rows and not counts.failed:
@@ -55,6 +59,16 @@ def study_text(result: StudyResult, file: str) -> Text:
     elif any(cell.overrides or cell.stages for cell in result.study.cells):
         lines += ["", *_table(table, file)]
     return Text("\n".join(lines))
+
+
+def _best(result: StudyResult, best: Best) -> str:
+    """The best cell in words, or why there is none."""
+    if best.index is None or best.value is None:
+        return f"Best: no cell; {best.message}."
+    cell, rule = result.study.cells[best.index], best.rule
+    least = "least" if rule.sense is Sense.MINIMIZE else "largest"
+    value = f"{rule.column}, {best.value:.5g}"
+    return f"Best: cell {best.index + 1} ({cell.label}) has the {least} {value}, {best.message}."
 
 
 def _claim(row: Mapping[str, Value]) -> list[str]:
