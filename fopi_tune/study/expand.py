@@ -13,6 +13,7 @@ from fopi_tune.spec.yaml.hints import unknown_word_message
 from fopi_tune.study.cells.axes import CHECK
 from fopi_tune.study.cells.bases import BaseSpec
 from fopi_tune.study.cells.checks import CellChecker, CellProblems
+from fopi_tune.study.cells.draws import drawn_overrides
 from fopi_tune.study.language import StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
 from fopi_tune.study.overrides import Override, plain_value
@@ -34,7 +35,8 @@ def count_cells(study: StudyFile, claims: Collection[str] = (), figures: Collect
     grid = math.prod(len(axis.nodes) for axis in study.grid)
     zipped = len(study.zipped[0].nodes) if study.zipped else 1
     entries = len(_chosen_names(study.claims, claims)) + len(_chosen_names(study.figures, figures))
-    return len(study.specs) * len(study.cells) * grid * zipped + entries
+    drawn = 1 if study.sample is None else study.sample.count
+    return len(study.specs) * len(study.cells) * grid * zipped * drawn + entries
 
 
 def expand(
@@ -84,14 +86,15 @@ def _refuse_systems_from_a_base(study: StudyFile, bases: Sequence[BaseSpec]) -> 
 
 
 def _combinations(study: StudyFile) -> Iterator[tuple[Override, ...]]:
-    """The product of explicit cells, zipped values and the grid; the last path of the grid changes fastest."""
+    """The product of explicit cells, zipped values, drawn ones and the grid, whose last path changes fastest."""
     steps = range(len(study.zipped[0].nodes)) if study.zipped else range(1)
     grid = [range(len(axis.nodes)) for axis in study.grid]
-    for axes, step, places in itertools.product(study.cells, steps, itertools.product(*grid)):
+    points = drawn_overrides(study.drawn, study.sample)
+    for axes, step, point, places in itertools.product(study.cells, steps, points, itertools.product(*grid)):
         explicit = (axis.override(0) for axis in axes)
         in_step = (axis.override(step) for axis in study.zipped)
         crossed = (axis.override(place) for axis, place in zip(study.grid, places, strict=True))
-        yield (*explicit, *in_step, *crossed)
+        yield (*explicit, *in_step, *point, *crossed)
 
 
 def _make_cell(
