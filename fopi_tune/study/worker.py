@@ -11,7 +11,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -52,12 +52,14 @@ class CellResult:
         document: JSON of its stages, its rows, or its figure; of a failed cell, the part before the failure.
         reason: why it failed; empty otherwise.
         seconds: computing time; not part of the table.
+        processor_s: processor time of it, of all threads; not kept.
     """
 
     key: str
     document: str
     reason: str
     seconds: float
+    processor_s: float = field(default=0.0, compare=False)
 
     @property
     def failed(self) -> bool:
@@ -111,7 +113,7 @@ def combine_blocks(key: str, cell: Cell, blocks: Sequence[Block]) -> CellResult:
 
 def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> CellResult:
     """Run one cell; never raises.  `blocks` hold the counts of all its draws where they were counted before."""
-    start = time.perf_counter()
+    start, processor_start = time.perf_counter(), time.process_time()
     document: dict[str, Any] = {}
     try:
         reason = (
@@ -122,7 +124,7 @@ def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> CellResult:
         expected = isinstance(error, FopiError)
         reason = str(error) if expected else f"internal error, {type(error).__name__}: {error}"
         text = _partial_document(document)
-    return CellResult(key, text, reason, time.perf_counter() - start)
+    return CellResult(key, text, reason, time.perf_counter() - start, time.process_time() - processor_start)
 
 
 def _partial_document(document: dict[str, Any]) -> str:
