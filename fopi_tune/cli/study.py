@@ -46,6 +46,7 @@ class _StudyOptions:
     resume: bool
     retry_failed: bool
     only_failed: bool
+    debug: bool
 
     def folder(self, study: Study) -> Path:
         """The folder of the ledger and the tables."""
@@ -99,7 +100,7 @@ def study(
         raise bad_input("there is no STUDY to run; name a study file, or a folder with --status")
     if workers is not None and scheduler is not None:
         raise bad_input("--workers are of this machine, --scheduler has its own; leave one of them out")
-    options = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed, only_failed)
+    options = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed, only_failed, debug)
     try:
         loaded = _load_study(file, force, options)
         if dry_run:
@@ -156,7 +157,7 @@ def _run_study(loaded: Study, machines: Machines, options: _StudyOptions) -> Exi
             told=told,
             say=options.note,
         )
-    code = _write_files(result, folder, options)
+    code = max(_write_files(result, folder, options), _write_page(result, folder, options))
     _print_failures(result, options)
     shown = replace(result, table=result.table.only_failed()) if options.only_failed else result
     if options.as_json:
@@ -186,6 +187,26 @@ def _write_files(result: StudyResult, folder: Path, options: _StudyOptions) -> E
         options.note(f"{result.study.name}: wrote {folder / name}")
     if result.table.best is not None and BEST_YAML not in files and (folder / BEST_YAML).exists():
         say(f"{result.study.name}: {BEST_YAML} in {folder} is of an earlier result, not of this one")
+    return Exit.MET
+
+
+def _write_page(result: StudyResult, folder: Path, options: _StudyOptions) -> Exit:
+    """Write the page of the study and its figures; what was computed is kept even if that fails."""
+    from fopi_tune.report.study_page import STUDY_REPORT, study_page_files
+
+    try:
+        files = study_page_files(result)
+        if not files and (folder / STUDY_REPORT).exists():
+            say(f"{result.study.name}: {STUDY_REPORT} in {folder} is of an earlier result, not of this one")
+        for name, content in files.items():
+            write_file(folder / name, content)
+            if name == STUDY_REPORT:
+                options.note(f"{result.study.name}: wrote {folder / name}")
+    except OSError as error:
+        say(f"cannot write {folder / STUDY_REPORT} ({reason_of(error)}); choose another folder with --out")
+        return Exit.BAD_INPUT
+    except Exception as error:
+        return report_failure(f"{result.study.name}: report", error, options.debug)
     return Exit.MET
 
 

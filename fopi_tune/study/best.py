@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
-from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec.model import Sense
-from fopi_tune.spec.yaml.hints import unknown_word_message
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
 from fopi_tune.spec.yaml.shapes import ListOf, Number, Shape, Text
 from fopi_tune.study.model import SUCCESS_STATUSES, BestRule, Cell, Comparison, Condition, Kind, Value
-from fopi_tune.study.words import AnyScalar, PlacedWord, WithPlace
+from fopi_tune.study.words import AnyScalar, PlacedWord, WithPlace, refuse_unknown_columns
 
 #: the column of the mark
 BEST = "best"
@@ -45,11 +43,7 @@ class PlacedBest:
         Raises:
             SpecError: there is no such column.
         """
-        unknown = [word for word in self.words if word.word not in columns]
-        if unknown:
-            told = (f"{unknown_word_message(each.word, columns)}; collect: makes more columns" for each in unknown)
-            found = zip(unknown, told, strict=True)
-            raise SpecError(tuple(Problem(file, w.mark.line, w.mark.column, w.path, text) for w, text in found))
+        refuse_unknown_columns(self.words, file, columns)
         return self.rule
 
 

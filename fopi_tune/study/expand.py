@@ -71,9 +71,10 @@ def expand(
     if problems.found:
         raise problems.error()
     made = Study(study.name, tuple(cells), _collected(study, bases), study.description)
-    if study.best is None:
-        return made
-    return replace(made, best=study.best.checked(study.file, known_columns(made)))
+    columns = known_columns(made)
+    best = None if study.best is None else study.best.checked(study.file, columns)
+    report = made.report if study.report is None else study.report.checked(study.file, columns)
+    return replace(made, best=best, report=report)
 
 
 def _refuse_systems_from_a_base(study: StudyFile, bases: Sequence[BaseSpec]) -> None:

@@ -17,6 +17,7 @@ from fopi_tune.study.cells.axes import CHECK, AnyValue, Axis, AxisValues, PathMa
 from fopi_tune.study.cells.draws import DrawValues, Sample, checked_sample, sample_shape, seed_shape
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
 from fopi_tune.study.overrides import PATH_PATTERN
+from fopi_tune.study.page_words import PlacedReport, report_shape
 from fopi_tune.study.words import AllOrList, ColumnMapping, PlacedWord, WithPlace
 
 _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
@@ -49,6 +50,7 @@ class StudyFile:
     best: PlacedBest | None = None
     drawn: tuple[Axis, ...] = ()
     sample: Sample | None = None
+    report: PlacedReport | None = None
 
 
 #: the default of `stages`
@@ -82,6 +84,7 @@ def study_shape() -> Record:
         ),
         "collect": Key(columns, required=False),
         "best": Key(best_shape(), required=False),
+        "report": Key(report_shape(), required=False),
         "limit_cells": Key(limit, False, LIMIT_CELLS),
         "claims": Key(AllOrList(ListOf("claims to recompute", entry, 1)), required=False),
         "figures": Key(AllOrList(ListOf("figures to draw", entry, 1)), required=False),
@@ -118,6 +121,7 @@ def read_study(place: Place) -> StudyFile | None:
         best=values.get("best"),
         drawn=values.get("draw", ()),
         sample=checked_sample(values, place),
+        report=values.get("report"),
     )
 
 
@@ -135,7 +139,7 @@ def _columns(values: Values) -> tuple[Column, ...]:
 def _check_between_sections(values: Values, place: Place) -> None:
     if not any(place.has(key) for key in ("specs", "claims", "figures")):
         place.refuse("there is nothing to study; add specs: [FILE], with the paths of specs from this file's folder")
-    for key in ("cells", "grid", "zip", "draw", "sample", "seed", "stages", "starts", "collect", "best"):
+    for key in ("cells", "grid", "zip", "draw", "sample", "seed", "stages", "starts", "collect", "best", "report"):
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
     checked_sample(values, place)

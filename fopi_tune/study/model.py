@@ -160,6 +160,28 @@ class BestRule:
 
 
 @dataclass(frozen=True)
+class HeatMap:
+    """A figure: the numbers of a column as colours over two others."""
+
+    column: str
+    x: str
+    y: str
+
+
+@dataclass(frozen=True)
+class ReportRule:
+    """Figures of the study's page; None where they are chosen.
+
+    Args:
+        heat_maps: of which columns.
+        parallel_coordinates: columns, an axis each.
+    """
+
+    heat_maps: tuple[HeatMap, ...] | None = None
+    parallel_coordinates: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
 class Study:
     """A study with all its cells.
 
@@ -169,6 +191,7 @@ class Study:
         collect: columns of the table, beside the cells' names and overrides.
         description: for people.
         best: which cell is marked and kept in full; None for none.
+        report: figures of its page.
     """
 
     name: str
@@ -176,3 +199,4 @@ class Study:
     collect: tuple[Column, ...]
     description: str = ""
     best: BestRule | None = None
+    report: ReportRule = ReportRule()

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from fopi_tune.errors import Problem, SpecError
+from fopi_tune.spec.yaml.hints import unknown_word_message
 from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, SequenceNode, scalar_of
 from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, parse_number
@@ -36,6 +39,27 @@ class ColumnMapping(Shape):
 
     def json_schema(self) -> JsonSchema:
         return {"type": "object", "description": self.meaning, "additionalProperties": self.path.json_schema()}
+
+
+def refuse_unknown_columns(words: Sequence[PlacedWord], file: str, columns: Collection[str]) -> None:
+    """Refuse names that are no columns of a study's table.
+
+    Raises:
+        SpecError: there is no such column.
+    """
+    problems = [
+        Problem(
+            file,
+            each.mark.line,
+            each.mark.column,
+            each.path,
+            f"{unknown_word_message(each.word, columns)}; collect: makes more columns",
+        )
+        for each in words
+        if each.word not in columns
+    ]
+    if problems:
+        raise SpecError(tuple(problems))
 
 
 @dataclass(frozen=True)

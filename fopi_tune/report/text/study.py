@@ -16,7 +16,6 @@ from rich.text import Text
 
 from fopi_tune.spec.model import Sense
 from fopi_tune.study import StudyResult
-from fopi_tune.study.best import Best
 from fopi_tune.study.model import Value
 from fopi_tune.study.table import StudyTable
 
@@ -51,7 +50,7 @@ def study_text(result: StudyResult, file: str) -> Text:
     told += [f"{counts.failed} failed"] if counts.failed else []
     told += [f"{table.undecided} undecided"] if table.undecided else []
     lines = [f"{result.study.name}: {', '.join(told)}."]
-    lines += [] if table.best is None else textwrap.wrap(_best(result, table.best), _WIDTH, subsequent_indent="    ")
+    lines += textwrap.wrap(best_sentence(result), _WIDTH, subsequent_indent="    ")
     for row in table.claims:
         lines += ["", *_claim(row)]
     if not table.rows and not counts.failed:
@@ -61,8 +60,11 @@ def study_text(result: StudyResult, file: str) -> Text:
     return Text("\n".join(lines))
 
 
-def _best(result: StudyResult, best: Best) -> str:
-    """The best cell in words, or why there is none."""
+def best_sentence(result: StudyResult) -> str:
+    """The best cell in words, or why there is none; empty for a study that asks for none."""
+    best = result.table.best
+    if best is None:
+        return ""
     if best.index is None or best.value is None:
         return f"Best: no cell; {best.message}."
     cell, rule = result.study.cells[best.index], best.rule
