@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: more values than this along an axis are drawn as points, not as fields
+#: more values than this along an axis are no grid
 _MOST_FIELDS = 40
 _MOST_TICKS, _MOST_LINES = 12, 2000
 #: a ratio of the largest to the least value from which a scale is logarithmic
@@ -103,7 +103,7 @@ class Scale:
 def heat_map_picture(cells: CellColumns, figure: HeatMap) -> Picture | None:
     """A column over two others; None where it has no numbers.
 
-    Fields are the median of their cells.  Axes with many values have points at the cells' places.
+    Fields are the median of their cells.  Cells that are no grid, such as drawn ones, are points.
     """
     placed = [
         (row[figure.x], row[figure.y], float(row[figure.column]), int(str(row["cell"])), index)  # pyright: ignore
@@ -113,7 +113,7 @@ def heat_map_picture(cells: CellColumns, figure: HeatMap) -> Picture | None:
     if not placed:
         return None
     across, up = cells.scale(figure.x), cells.scale(figure.y)
-    as_fields = max(across.size, up.size) <= _MOST_FIELDS or across.words or up.words
+    as_fields = bool(across.words or up.words) or _is_grid(cells, across, up)
     values = np.array([value for _, _, value, _, _ in placed])
     places = np.array([[across.index(x), up.index(y)] for x, y, _, _, _ in placed], dtype=float)
     if not as_fields:
@@ -145,6 +145,12 @@ def heat_map_picture(cells: CellColumns, figure: HeatMap) -> Picture | None:
     if ring is not None and cells.best is not None:
         told += f" The ring is around the best cell, {cells.rows[cells.best]['cell']}."
     return Picture(title, told, draw, (WIDE, 5.0))
+
+
+def _is_grid(cells: CellColumns, across: Scale, up: Scale) -> bool:
+    """Whether the cells fill at least half of the fields of their values."""
+    pairs = {(row.get(across.name), row.get(up.name)) for row in cells.rows}
+    return max(across.size, up.size) <= _MOST_FIELDS and 2 * len(pairs) >= across.size * up.size
 
 
 def _draw_fields(axes: Axes, places: Array, values: Array, across: Scale, up: Scale) -> Any:

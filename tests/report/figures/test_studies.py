@@ -54,7 +54,7 @@ def test_the_best_cell_has_a_ring() -> None:
     assert picture.description.endswith("The ring is around the best cell, 6.")
     (ring,) = axes.lines
     # cell 6 has a = 2 and the word y
-    assert ring.get_xydata().tolist() == [[1.0, 0.0]]
+    assert np.asarray(ring.get_xydata()).tolist() == [[1.0, 0.0]]
     assert "the best cell" not in str(heat_map_picture(CellColumns(result_of(GRID).table), OVER))
 
 
@@ -67,6 +67,12 @@ def test_axes_with_many_values_have_points_at_their_places() -> None:
     np.testing.assert_allclose(np.asarray(points.get_array()), numbers**2)
     assert axes.get_xscale() == "log"
     assert axes.get_yscale() == "linear"
+
+
+def test_drawn_cells_are_points_although_they_are_few() -> None:
+    rows = [({"a": a, "b": (7 * a) % 11}, "met", {"z": a}) for a in (0.5, 1.5, 2.5, 4.5)]
+    axes = drawn(heat_map_picture(CellColumns(result_of(rows).table), HeatMap("z", "a", "b"))).axes[0]
+    assert [type(each) for each in axes.collections] == [PathCollection]
 
 
 @pytest.mark.parametrize("column", ["b.c", "none"])

@@ -122,6 +122,15 @@ def test_mistakes_have_a_place_and_advice(text: str, problem: str) -> None:
     assert any(problem in each for each in found), found
 
 
+def test_many_cells_that_are_refused_for_other_values_are_named_together() -> None:
+    with pytest.raises(SpecError) as caught:
+        study("draw: {plant.time_constant_s.max: {from: 0.1, to: 0.9}}\nsample: 40\n")
+    found = [str(each) for each in caught.value.problems]
+    assert len(found) == 13
+    assert "min 1.0 is greater than max " in found[0]
+    assert "and 16 more: refused with other values in the same way" in found[-1]
+
+
 def test_the_schema_takes_both_forms() -> None:
     validator = jsonschema.Draft202012Validator(study_json_schema())
     document = {"schema": 1, "name": "s", "specs": ["a"], "draw": {"a.b": {"from": 1, "to": 2, "scale": "log"}}}
