@@ -154,9 +154,13 @@ class _Scheduler:
     in_flight: int = 0
     #: smoothed computing time of a cell, s
     cell_s: float | None = None
-    #: cells that ended in this run, and their processor time, s
+    #: cells that ended in this run, their computing and their processor time, s
     ended: int = 0
+    ended_s: float = 0.0
     processor_s: float = 0.0
+    #: the first cells, one a worker, and their computing time, s: it is also that of what a worker loads and compiles
+    begun: int = 0
+    begun_s: float = 0.0
     divides: bool = False
 
     def run_all(self) -> None:
@@ -226,7 +230,9 @@ class _Scheduler:
             results = [CellResult(key, "{}", reason or ended.reason, 0.0) for key, _ in ended.task.cells]
         else:
             mean = sum(r.seconds for r in results) / max(1, len(results))
-            self.ended += len(results)
+            first = results[: max(0, self.runner.workers - self.begun)]
+            self.begun, self.begun_s = self.begun + len(first), self.begun_s + sum(r.seconds for r in first)
+            self.ended, self.ended_s = self.ended + len(results), self.ended_s + sum(r.seconds for r in results)
             self.processor_s += sum(r.processor_s for r in results)
             self.cell_s = mean if self.cell_s is None else (1 - _SMOOTHING) * self.cell_s + _SMOOTHING * mean
         self.ledger.record(results)
@@ -238,8 +244,9 @@ class _Scheduler:
         """The measured cost of the cells that ended, and with it the time that is left."""
         if self.cell_s is None or not self.ended:
             return None
-        workers = self.runner.workers
-        left_s = None if self.divides else left * self.cell_s / workers
+        workers, later = self.runner.workers, self.ended - self.begun
+        cell_s = (self.ended_s - self.begun_s) / later if later else self.cell_s
+        left_s = None if self.divides else left * cell_s / workers
         return Cost(workers, self.processor_s / self.ended, left_s)
 
     def _chunk_size(self) -> int:

@@ -329,9 +329,9 @@ _VALUES: st.SearchStrategy[Any] = st.one_of(
 @given(
     st.dictionaries(
         st.sampled_from(
-            ["stages", "starts", "collect", "limit_cells", "description", "grid", "zip", "odd"]
-            + ["draw", "sample", "seed", "best", "report"]
-        ),
+            ["stages", "starts", "collect", "limit_cells", "description", "grid", "zip", "odd", "draw", "sample"]
+        )
+        | st.sampled_from(["seed", "best", "report"]),
         st.one_of(_VALUES, st.dictionaries(st.sampled_from(["a.b", "a..b", "plant.x", "tune"]), _VALUES, max_size=2)),
         max_size=3,
     )
