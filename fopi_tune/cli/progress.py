@@ -62,7 +62,11 @@ class _Clock:
         if ran == self.ran_at_start or elapsed <= 0.0:
             return elapsed, None, None
         rate = (ran - self.ran_at_start) / elapsed
-        return elapsed, rate, counts.left / rate
+        left = counts.left / rate
+        if counts.cost is not None and counts.cost.left_s is not None:
+            # without the start of the workers, which is in the rate
+            left = counts.cost.left_s
+        return elapsed, rate, left
 
 
 def _lines() -> ProgressCallback:
@@ -76,7 +80,7 @@ def _lines() -> ProgressCallback:
         failed = f", {counts.failed} failed" if counts.failed else ""
         speed = f", {rate:.2g} cells/s" if rate is not None else ""
         rest = f", {_duration(left)} left" if left is not None and counts.left else ""
-        say(f"{counts.done + counts.failed} of {counts.total} cells{failed}{speed}{rest}")
+        say(f"{counts.done + counts.failed} of {counts.total} cells{failed}{_cost_phrase(counts)}{speed}{rest}")
 
     return update
 
@@ -95,6 +99,8 @@ def _json_lines() -> ProgressCallback:
             "elapsed_s": round(elapsed, 3),
             "cells_per_s": rate,
             "left_s": left,
+            "workers": None if counts.cost is None else counts.cost.workers,
+            "cell_processor_s": None if counts.cost is None else counts.cost.cell_processor_s,
         }
         say(json.dumps(event))
 
@@ -111,11 +117,11 @@ def _bar() -> Iterator[ProgressCallback]:
         TextColumn("cells"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]} failed  {task.fields[rate]}  {task.fields[left]}"),
+        TextColumn("{task.fields[failed]} failed{task.fields[cost]}  {task.fields[rate]}  {task.fields[left]}"),
     )
     clock = _Clock()
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("cells", total=None, failed=0, rate="", left="")
+        task = bar.add_task("cells", total=None, failed=0, rate="", left="", cost="")
 
         def update(counts: Counts) -> None:
             _, rate, left = clock.at(counts)
@@ -124,11 +130,20 @@ def _bar() -> Iterator[ProgressCallback]:
                 total=counts.total,
                 completed=counts.done + counts.failed,
                 failed=counts.failed,
+                cost=_cost_phrase(counts),
                 rate=f"{rate:.2g}/s" if rate is not None else "",
                 left=f"{_duration(left)} left" if left is not None else "",
             )
 
         yield update
+
+
+def _cost_phrase(counts: Counts) -> str:
+    """Workers, and the measured processor time of a cell."""
+    if counts.cost is None:
+        return ""
+    workers = f"{counts.cost.workers} worker{'s' if counts.cost.workers > 1 else ''}"
+    return f", {workers}, {counts.cost.cell_processor_s:.2g} processor s a cell"
 
 
 def _duration(seconds: float) -> str:

@@ -26,6 +26,7 @@ from fopi_tune.errors import DomainError, FopiError, SpecError
 if TYPE_CHECKING:
     from fopi_tune.study import Machines, StudyResult
     from fopi_tune.study.model import Study
+    from fopi_tune.study.table import StudyTable
 
 TABLE, PARQUET = "table.csv", "table.parquet"
 _MOST_FAILURES = 20
@@ -45,6 +46,7 @@ class _StudyOptions:
     resume: bool
     retry_failed: bool
     only_failed: bool
+    debug: bool
 
     def folder(self, study: Study) -> Path:
         """The folder of the ledger and the tables."""
@@ -98,7 +100,7 @@ def study(
         raise bad_input("there is no STUDY to run; name a study file, or a folder with --status")
     if workers is not None and scheduler is not None:
         raise bad_input("--workers are of this machine, --scheduler has its own; leave one of them out")
-    options = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed, only_failed)
+    options = _StudyOptions(out, parquet, as_json, quiet, progress, resume, retry_failed, only_failed, debug)
     try:
         loaded = _load_study(file, force, options)
         if dry_run:
@@ -155,7 +157,7 @@ def _run_study(loaded: Study, machines: Machines, options: _StudyOptions) -> Exi
             told=told,
             say=options.note,
         )
-    code = _write_files(result, folder, options)
+    code = max(_write_files(result, folder, options), _write_page(result, folder, options))
     _print_failures(result, options)
     shown = replace(result, table=result.table.only_failed()) if options.only_failed else result
     if options.as_json:
@@ -169,6 +171,8 @@ def _run_study(loaded: Study, machines: Machines, options: _StudyOptions) -> Exi
 
 
 def _write_files(result: StudyResult, folder: Path, options: _StudyOptions) -> Exit:
+    from fopi_tune.study.best import BEST_YAML
+
     files: dict[str, str | bytes] = {TABLE: result.table.to_csv()}
     if options.parquet:
         files[PARQUET] = result.table.to_parquet()
@@ -181,6 +185,28 @@ def _write_files(result: StudyResult, folder: Path, options: _StudyOptions) -> E
             say(f"cannot write {folder / name} ({reason_of(error)}); choose another folder with --out")
             return Exit.BAD_INPUT
         options.note(f"{result.study.name}: wrote {folder / name}")
+    if result.table.best is not None and BEST_YAML not in files and (folder / BEST_YAML).exists():
+        say(f"{result.study.name}: {BEST_YAML} in {folder} is of an earlier result, not of this one")
+    return Exit.MET
+
+
+def _write_page(result: StudyResult, folder: Path, options: _StudyOptions) -> Exit:
+    """Write the page of the study and its figures; what was computed is kept even if that fails."""
+    from fopi_tune.report.study_page import STUDY_REPORT, study_page_files
+
+    try:
+        files = study_page_files(result)
+        if not files and (folder / STUDY_REPORT).exists():
+            say(f"{result.study.name}: {STUDY_REPORT} in {folder} is of an earlier result, not of this one")
+        for name, content in files.items():
+            write_file(folder / name, content)
+            if name == STUDY_REPORT:
+                options.note(f"{result.study.name}: wrote {folder / name}")
+    except OSError as error:
+        say(f"cannot write {folder / STUDY_REPORT} ({reason_of(error)}); choose another folder with --out")
+        return Exit.BAD_INPUT
+    except Exception as error:
+        return report_failure(f"{result.study.name}: report", error, options.debug)
     return Exit.MET
 
 
@@ -201,8 +227,18 @@ def _document(result: StudyResult) -> dict[str, object]:
         "name": result.study.name,
         "cells": {"total": counts.total, "done": counts.done, "failed": counts.failed},
         "undecided": result.table.undecided,
+        **_best(result.table),
         "rows": result.table.to_dicts(),
     }
+
+
+def _best(table: StudyTable) -> dict[str, object]:
+    """The best cell, in a study that asks for one."""
+    best = table.best
+    if best is None:
+        return {}
+    cell = None if best.index is None else best.index + 1
+    return {"best": {"cell": cell, "value": best.value, "message": best.message}}
 
 
 def _print_status(folder: str, as_json: bool) -> Exit:

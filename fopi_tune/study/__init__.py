@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,6 +78,7 @@ def run(
         DomainError: a number of workers below 0, or nothing to resume.
     """
     from fopi_tune.results.stamp import numeric_versions
+    from fopi_tune.study.best import best_files
     from fopi_tune.study.engine import run_study
     from fopi_tune.study.ledger import LEDGER, open_ledger
     from fopi_tune.study.table import collect_table
@@ -91,7 +92,12 @@ def run(
         if retry_failed:
             ledger.forget_failed(study, versions)
         counts = run_study(study, ledger, versions, lambda: _runner(machines, stack, say), told)
-        return StudyResult(study, counts, collect_table(study, ledger.results()), tuple(ledger.failures()))
+        table = collect_table(study, ledger.results())
+        if table.best is not None:
+            index = table.best.index
+            cell, document = (None, "") if index is None else (study.cells[index], ledger.document_of(index))
+            table = replace(table, files={**table.files, **best_files(study.name, table.best, cell, document)})
+        return StudyResult(study, counts, table, tuple(ledger.failures()))
 
 
 def _runner(machines: Machines, stack: contextlib.ExitStack, say: Callable[[str], None]) -> Runner:

@@ -12,10 +12,10 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from fopi_tune.study.ledger import Counts, Ledger, cell_keys
+from fopi_tune.study.ledger import Cost, Counts, Ledger, cell_keys
 from fopi_tune.study.model import Cell, Study
 from fopi_tune.study.worker import CellResult, run_chunk
 
@@ -152,7 +152,16 @@ class _Scheduler:
     blocks: dict[str, list[object]] = field(default_factory=dict)
     suspects: deque[KeyedCell] = field(default_factory=deque)
     in_flight: int = 0
+    #: smoothed computing time of a cell, s
     cell_s: float | None = None
+    #: cells that ended in this run, their computing and their processor time, s
+    ended: int = 0
+    ended_s: float = 0.0
+    processor_s: float = 0.0
+    #: the first cells, one a worker, and their computing time, s: it is also that of what a worker loads and compiles
+    begun: int = 0
+    begun_s: float = 0.0
+    divides: bool = False
 
     def run_all(self) -> None:
         """Run the queue, then the suspects one by one."""
@@ -179,6 +188,7 @@ class _Scheduler:
                 chunk.append(self.queue.popleft())
             return Task(chunk)
         key, cell = self.queue.popleft()
+        self.divides = True
         self.blocks[key] = []
         edges = draw_blocks(cell.draws)
         self.ready += [Task([(key, cell)], edge) for edge in edges]
@@ -220,10 +230,24 @@ class _Scheduler:
             results = [CellResult(key, "{}", reason or ended.reason, 0.0) for key, _ in ended.task.cells]
         else:
             mean = sum(r.seconds for r in results) / max(1, len(results))
+            first = results[: max(0, self.runner.workers - self.begun)]
+            self.begun, self.begun_s = self.begun + len(first), self.begun_s + sum(r.seconds for r in first)
+            self.ended, self.ended_s = self.ended + len(results), self.ended_s + sum(r.seconds for r in results)
+            self.processor_s += sum(r.processor_s for r in results)
             self.cell_s = mean if self.cell_s is None else (1 - _SMOOTHING) * self.cell_s + _SMOOTHING * mean
         self.ledger.record(results)
         if self.told is not None:
-            self.told(self.ledger.counts())
+            counts = self.ledger.counts()
+            self.told(replace(counts, cost=self._cost(counts.left)))
+
+    def _cost(self, left: int) -> Cost | None:
+        """The measured cost of the cells that ended, and with it the time that is left."""
+        if self.cell_s is None or not self.ended:
+            return None
+        workers, later = self.runner.workers, self.ended - self.begun
+        cell_s = (self.ended_s - self.begun_s) / later if later else self.cell_s
+        left_s = None if self.divides else left * cell_s / workers
+        return Cost(workers, self.processor_s / self.ended, left_s)
 
     def _chunk_size(self) -> int:
         """Cells of the next chunk: about a second's work, and fewer near the end so that all workers end together."""

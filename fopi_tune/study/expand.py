@@ -13,9 +13,12 @@ from fopi_tune.spec.yaml.hints import unknown_word_message
 from fopi_tune.study.cells.axes import CHECK
 from fopi_tune.study.cells.bases import BaseSpec
 from fopi_tune.study.cells.checks import CellChecker, CellProblems
-from fopi_tune.study.language import ALL, PlacedWord, StudyFile
+from fopi_tune.study.cells.draws import drawn_overrides
+from fopi_tune.study.language import StudyFile
 from fopi_tune.study.model import Cell, Column, Kind, Stage, Starts, Study
 from fopi_tune.study.overrides import Override, plain_value
+from fopi_tune.study.table import known_columns
+from fopi_tune.study.words import ALL, PlacedWord
 
 #: columns that are collected by default
 _DEFAULT_COLUMNS = {
@@ -32,7 +35,8 @@ def count_cells(study: StudyFile, claims: Collection[str] = (), figures: Collect
     grid = math.prod(len(axis.nodes) for axis in study.grid)
     zipped = len(study.zipped[0].nodes) if study.zipped else 1
     entries = len(_chosen_names(study.claims, claims)) + len(_chosen_names(study.figures, figures))
-    return len(study.specs) * len(study.cells) * grid * zipped + entries
+    drawn = 1 if study.sample is None else study.sample.count
+    return len(study.specs) * len(study.cells) * grid * zipped * drawn + entries
 
 
 def expand(
@@ -66,7 +70,11 @@ def expand(
         cells += [Cell(len(cells) + i, kind, name, {}, registry) for i, name in enumerate(_chosen_names(wanted, known))]
     if problems.found:
         raise problems.error()
-    return Study(study.name, tuple(cells), _collected(study, bases), study.description)
+    made = Study(study.name, tuple(cells), _collected(study, bases), study.description)
+    columns = known_columns(made)
+    best = None if study.best is None else study.best.checked(study.file, columns)
+    report = made.report if study.report is None else study.report.checked(study.file, columns)
+    return replace(made, best=best, report=report)
 
 
 def _refuse_systems_from_a_base(study: StudyFile, bases: Sequence[BaseSpec]) -> None:
@@ -79,14 +87,15 @@ def _refuse_systems_from_a_base(study: StudyFile, bases: Sequence[BaseSpec]) -> 
 
 
 def _combinations(study: StudyFile) -> Iterator[tuple[Override, ...]]:
-    """The product of explicit cells, zipped values and the grid; the last path of the grid changes fastest."""
+    """The product of explicit cells, zipped values, drawn ones and the grid, whose last path changes fastest."""
     steps = range(len(study.zipped[0].nodes)) if study.zipped else range(1)
     grid = [range(len(axis.nodes)) for axis in study.grid]
-    for axes, step, places in itertools.product(study.cells, steps, itertools.product(*grid)):
+    points = drawn_overrides(study.drawn, study.sample)
+    for axes, step, point, places in itertools.product(study.cells, steps, points, itertools.product(*grid)):
         explicit = (axis.override(0) for axis in axes)
         in_step = (axis.override(step) for axis in study.zipped)
         crossed = (axis.override(place) for axis, place in zip(study.grid, places, strict=True))
-        yield (*explicit, *in_step, *crossed)
+        yield (*explicit, *in_step, *point, *crossed)
 
 
 def _make_cell(

@@ -9,31 +9,25 @@ from typing import Any
 
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
-from fopi_tune.spec.yaml.nodes import MappingNode, Place, SequenceNode
-from fopi_tune.spec.yaml.problems import Mark
+from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
-from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, PlainOrMapping, Shape, Text, Version
+from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, PlainOrMapping, Text, Version
+from fopi_tune.study.best import PlacedBest, best_shape
 from fopi_tune.study.cells.axes import CHECK, AnyValue, Axis, AxisValues, PathMapping
+from fopi_tune.study.cells.draws import DrawValues, Sample, checked_sample, sample_shape, seed_shape
 from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
 from fopi_tune.study.overrides import PATH_PATTERN
+from fopi_tune.study.page_words import PlacedReport, report_shape
+from fopi_tune.study.words import AllOrList, ColumnMapping, PlacedWord, WithPlace
 
-#: all entries of a registry
-ALL = "all"
 _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
 #: columns of every table
 _COLUMNS = ("cell", "spec", "entry", "outcome", "reason")
 _LARGEST_LIMIT = 10_000_000
+#: sections of axes that are crossed with each other and with the cells
+_CROSSED = ("grid", "zip", "draw")
 #: overrides of a check that name gains, or their ranges
 _GAINS_OF_CHECK = re.compile(rf"{CHECK}(controller|system\.\w+\.(gains|spec\.controller))\b")
-
-
-@dataclass(frozen=True)
-class PlacedWord:
-    """A word of the study and where it is written."""
-
-    word: str
-    mark: Mark
-    path: str
 
 
 @dataclass(frozen=True)
@@ -53,52 +47,10 @@ class StudyFile:
     limit_cells: int
     claims: tuple[PlacedWord, ...]
     figures: tuple[PlacedWord, ...]
-
-
-@dataclass(frozen=True)
-class ColumnMapping(Shape):
-    """A mapping from names of columns to paths into a cell's result."""
-
-    meaning: str
-    path: Shape
-
-    def read(self, place: Place) -> dict[str, str] | None:
-        assert isinstance(place.node, MappingNode)
-        found = {key: self.path.read(place.child(key)) for key in place.node.entries}
-        return None if None in found.values() else found
-
-    def json_schema(self) -> JsonSchema:
-        return {"type": "object", "description": self.meaning, "additionalProperties": self.path.json_schema()}
-
-
-@dataclass(frozen=True)
-class WithPlace(Shape):
-    """A word, read together with its place."""
-
-    shape: Shape
-
-    def read(self, place: Place) -> PlacedWord | None:
-        word = self.shape.read(place)
-        return None if word is None else PlacedWord(word, place.mark, place.path)
-
-    def json_schema(self) -> JsonSchema:
-        return self.shape.json_schema()
-
-
-@dataclass(frozen=True)
-class AllOrList(Shape):
-    """The word `all`, or a list."""
-
-    names: ListOf
-
-    def read(self, place: Place) -> list[PlacedWord] | None:
-        if isinstance(place.node, SequenceNode):
-            return self.names.read(place)
-        word = WithPlace(Choice(f"`{ALL}`, or a list of names", [ALL])).read(place)
-        return None if word is None else [word]
-
-    def json_schema(self) -> JsonSchema:
-        return {"anyOf": [{"const": ALL}, self.names.json_schema()]}
+    best: PlacedBest | None = None
+    drawn: tuple[Axis, ...] = ()
+    sample: Sample | None = None
+    report: PlacedReport | None = None
 
 
 #: the default of `stages`
@@ -123,11 +75,16 @@ def study_shape() -> Record:
         ),
         "grid": Key(values, required=False),
         "zip": Key(values, required=False),
+        "draw": Key(PathMapping("paths that are drawn together", DrawValues("values, each as likely")), False),
+        "sample": Key(sample_shape(), required=False),
+        "seed": Key(seed_shape(), required=False),
         "stages": Key(ListOf("what is run on each cell", Choice("stage", [s.value for s in Stage]), 1), False, _STAGES),
         "starts": Key(
             Choice("where the search of a cell's gains begins", [s.value for s in Starts]), False, Starts.ALL.value
         ),
         "collect": Key(columns, required=False),
+        "best": Key(best_shape(), required=False),
+        "report": Key(report_shape(), required=False),
         "limit_cells": Key(limit, False, LIMIT_CELLS),
         "claims": Key(AllOrList(ListOf("claims to recompute", entry, 1)), required=False),
         "figures": Key(AllOrList(ListOf("figures to draw", entry, 1)), required=False),
@@ -161,6 +118,10 @@ def read_study(place: Place) -> StudyFile | None:
         limit_cells=values.get("limit_cells", LIMIT_CELLS),
         claims=tuple(values.get("claims", ())),
         figures=tuple(values.get("figures", ())),
+        best=values.get("best"),
+        drawn=values.get("draw", ()),
+        sample=checked_sample(values, place),
+        report=values.get("report"),
     )
 
 
@@ -178,9 +139,10 @@ def _columns(values: Values) -> tuple[Column, ...]:
 def _check_between_sections(values: Values, place: Place) -> None:
     if not any(place.has(key) for key in ("specs", "claims", "figures")):
         place.refuse("there is nothing to study; add specs: [FILE], with the paths of specs from this file's folder")
-    for key in ("cells", "grid", "zip", "stages", "starts", "collect"):
+    for key in ("cells", "grid", "zip", "draw", "sample", "seed", "stages", "starts", "collect", "best", "report"):
         if place.has(key) and not place.has("specs") and any(place.has(k) for k in ("claims", "figures")):
             place.child(key).refuse("this is about specs, and there are none; add specs: [FILE] or remove it")
+    checked_sample(values, place)
     _refuse_duplicate_paths(values, place)
     _refuse_overrides_without_effect(values, place)
     _refuse_duplicate_columns(values, place)
@@ -200,12 +162,14 @@ def _check_between_sections(values: Values, place: Place) -> None:
 
 def _refuse_duplicate_paths(values: Values, place: Place) -> None:
     """Reports paths that have values in two sections."""
-    sections: list[tuple[Place, tuple[Axis, ...]]] = [(place.child(k), values.get(k) or ()) for k in ("grid", "zip")]
+    sections: list[tuple[Place, tuple[Axis, ...]]] = [
+        (place.child(key), values.get(key) or ()) for key in _CROSSED
+    ]  # fmt: skip
     if values.get("cells"):
         cells = place.child("cells")
         sections += [(cells.item(i), axes or ()) for i, axes in enumerate(values["cells"])]
     for i, (where, axes) in enumerate(sections):
-        others = {axis.path: axis.mark.line for _, other in sections[: min(i, 2)] for axis in other}
+        others = {axis.path: axis.mark.line for _, other in sections[: min(i, len(_CROSSED))] for axis in other}
         for axis in axes:
             if axis.path in others:
                 message = f"the path has values on line {others[axis.path]} already; keep one of the two"
@@ -214,7 +178,7 @@ def _refuse_duplicate_paths(values: Values, place: Place) -> None:
 
 def _refuse_overrides_without_effect(values: Values, place: Place) -> None:
     """Reports overrides without effect, which the table would show: replaced by a later one, or gains of the check."""
-    after = [(place.child(key), axis) for key in ("zip", "grid") for axis in values.get(key) or ()]
+    after = [(place.child(key), axis) for key in ("zip", "draw", "grid") for axis in values.get(key) or ()]
     given: list[tuple[Axis, ...]] = values.get("cells") or []
     cells = [[(place.child("cells").item(i), axis) for axis in axes or ()] for i, axes in enumerate(given)]
     for own, rest in [*((cell, after) for cell in cells), (after, [])]:
@@ -232,8 +196,9 @@ def _refuse_overrides_without_effect(values: Values, place: Place) -> None:
 
 def _refuse_duplicate_columns(values: Values, place: Place) -> None:
     """Reports columns whose name is used already."""
-    groups = [values.get("grid"), values.get("zip"), *(values.get("cells") or ())]
-    used_names = {*_COLUMNS, *(axis.path for axes in groups for axis in axes or ())}
+    groups = [*(values.get(key) for key in _CROSSED), *(values.get("cells") or ())]
+    marked = ("best",) if place.has("best") else ()
+    used_names = {*_COLUMNS, *marked, *(axis.path for axes in groups for axis in axes or ())}
     given, where = values.get("collect"), place.child("collect")
     if given is None:
         return

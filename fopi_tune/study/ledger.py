@@ -12,7 +12,7 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,21 @@ class LedgerError(DomainError):
 
 
 @dataclass(frozen=True)
+class Cost:
+    """What a study's cells cost, measured in this run.
+
+    Args:
+        workers: processes that run cells.
+        cell_processor_s: mean processor time of a cell, s.
+        left_s: estimated time until all cells have run, s; None where draws of a cell are divided among workers.
+    """
+
+    workers: int
+    cell_processor_s: float
+    left_s: float | None
+
+
+@dataclass(frozen=True)
 class Counts:
     """The progress of a study.
 
@@ -46,11 +61,13 @@ class Counts:
         total: cells of the plan.
         done: cells with a result.
         failed: cells that failed.
+        cost: what the cells of this run cost so far; None before one has ended.
     """
 
     total: int
     done: int
     failed: int
+    cost: Cost | None = field(default=None, compare=False)
 
     @property
     def left(self) -> int:
@@ -113,6 +130,11 @@ class Ledger:
                     message = f"what {self.path} has of cell {position + 1} is damaged"
                     raise LedgerError(f"{message}; move the file away to begin anew, or choose another --out")
                 yield position, result
+
+    def document_of(self, index: int) -> str:
+        """The result of a cell of the plan, as JSON."""
+        query = "SELECT r.document FROM plan p JOIN results r USING (key) WHERE p.position"
+        return str(self._fetch_all(f"{query} = {int(index)}")[0][0])
 
     def seconds(self) -> float:
         """Total computing time of the plan's results, seconds."""

@@ -8,10 +8,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from fopi_tune.spec.model import Sense
+
 #: more cells than this need --force
 LIMIT_CELLS = 10_000
 #: characters of a value in a cell's label
 _LONGEST_SHOWN = 200
+
+
+Value = float | int | str | bool | None
+#: outcomes with which a cell ends well, and goes on to its next stage
+SUCCESS_STATUSES = ("solved", "met", "settles", "made")
 
 
 class Stage(StrEnum):
@@ -107,6 +114,73 @@ def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST_SHOWN else f"{text[: _LONGEST_SHOWN - 3]}..."
 
 
+class Comparison(StrEnum):
+    """What a column's value has to be."""
+
+    AT_MOST = "at_most"
+    AT_LEAST = "at_least"
+    EQUALS = "equals"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A condition on a column; a cell without a value does not meet it."""
+
+    column: str
+    comparison: Comparison
+    limit: float | str
+
+    def is_met(self, value: Value) -> bool:
+        """Whether a value of the column meets it."""
+        if self.comparison is Comparison.EQUALS:
+            text = str(value).lower() if isinstance(value, bool) else value
+            return value is not None and text == self.limit
+        if isinstance(value, str | bool) or value is None or isinstance(self.limit, str):
+            return False
+        return value <= self.limit if self.comparison is Comparison.AT_MOST else value >= self.limit
+
+    def __str__(self) -> str:
+        limit = f"{self.limit:g}" if isinstance(self.limit, float) else self.limit
+        return f"{self.column} {self.comparison.replace('_', ' ')} {limit}"
+
+
+@dataclass(frozen=True)
+class BestRule:
+    """Which cell is the best.
+
+    Args:
+        sense: minimise or maximise ...
+        column: ... this one's number.
+        conditions: that it has to meet.
+    """
+
+    sense: Sense
+    column: str
+    conditions: tuple[Condition, ...] = ()
+
+
+@dataclass(frozen=True)
+class HeatMap:
+    """A figure: the numbers of a column as colours over two others."""
+
+    column: str
+    x: str
+    y: str
+
+
+@dataclass(frozen=True)
+class ReportRule:
+    """Figures of the study's page; None where they are chosen.
+
+    Args:
+        heat_maps: of which columns.
+        parallel_coordinates: columns, an axis each.
+    """
+
+    heat_maps: tuple[HeatMap, ...] | None = None
+    parallel_coordinates: tuple[str, ...] | None = None
+
+
 @dataclass(frozen=True)
 class Study:
     """A study with all its cells.
@@ -116,9 +190,13 @@ class Study:
         cells: in the order of the file.
         collect: columns of the table, beside the cells' names and overrides.
         description: for people.
+        best: which cell is marked and kept in full; None for none.
+        report: figures of its page.
     """
 
     name: str
     cells: tuple[Cell, ...]
     collect: tuple[Column, ...]
     description: str = ""
+    best: BestRule | None = None
+    report: ReportRule = ReportRule()

@@ -16,11 +16,11 @@ from importlib import import_module
 from typing import Any
 
 from fopi_tune.errors import DomainError
-from fopi_tune.study.model import Cell, Kind, Study
+from fopi_tune.study.best import BEST, Best, find_best
+from fopi_tune.study.model import Cell, Kind, Study, Value
 from fopi_tune.study.overrides import parse_path
 from fopi_tune.study.worker import CellResult
 
-Value = float | int | str | bool | None
 #: of a column of whole numbers in Parquet, of 64 bits
 _LARGEST_WHOLE = 2**63 - 1
 
@@ -36,6 +36,7 @@ class StudyTable:
         files: name to content of the figures.
         empty: collected columns that no cell fills.
         undecided: cells that could be neither proved nor refuted.
+        best: the best cell, or why there is none; None for a study that asks for none.
     """
 
     columns: tuple[str, ...]
@@ -44,6 +45,7 @@ class StudyTable:
     files: Mapping[str, str | bytes]
     empty: tuple[str, ...]
     undecided: int
+    best: Best | None = None
 
     def to_csv(self) -> str:
         """RFC 4180 with newlines; numbers can be read back to the last bit."""
@@ -122,12 +124,20 @@ def collect_table(study: Study, results: Iterable[tuple[int, CellResult]]) -> St
             {c.name: _table_value(value_at(document, c.path)) for c in study.collect} if cell.is_designed else {}
         )
         records.append({**common, **collected, **reason})
+    best = None if study.best is None else find_best(study.best, [each for each in records if "spec" in each])
+    if best is not None:
+        records = [{**each, BEST: each["cell"] == _number_of(best)} if "spec" in each else each for each in records]
     columns = _columns(study, records)
     rows = tuple(tuple(record.get(name) for name in columns) for record in records)
     undecided = sum(record["outcome"] == "undecided" for record in records)
     specs = [record for record in records if "spec" in record]
     empty = [c.name for c in study.collect if specs and all(record[c.name] is None for record in specs)]
-    return StudyTable(columns, rows, tuple(claims), files, tuple(empty), undecided)
+    return StudyTable(columns, rows, tuple(claims), files, tuple(empty), undecided, best)
+
+
+def _number_of(best: Best) -> int | None:
+    """The best cell's number in the table."""
+    return None if best.index is None else best.index + 1
 
 
 def value_at(document: Any, path: str) -> Any:
@@ -140,12 +150,19 @@ def value_at(document: Any, path: str) -> Any:
     return document
 
 
+def known_columns(study: Study) -> tuple[str, ...]:
+    """Names of the columns of the cells of specs, before anything is run."""
+    names = dict.fromkeys(path for cell in study.cells for path in override_columns(cell))
+    return (*names, "outcome", *(column.name for column in study.collect))
+
+
 def _columns(study: Study, records: Sequence[Mapping[str, Value]]) -> tuple[str, ...]:
     """Names of the columns: cell, spec or entry, overrides, outcome, collected values, reason."""
     cells: Sequence[Cell] = study.cells
     names = dict.fromkeys(["cell", *(_name_column(cell) for cell in cells)])
     names |= dict.fromkeys(path for cell in cells for path in override_columns(cell))
-    names |= dict.fromkeys(["outcome", *(c.name for c in study.collect)])
+    marked = [] if study.best is None else [BEST]
+    names |= dict.fromkeys(["outcome", *marked, *(c.name for c in study.collect)])
     names |= dict.fromkeys(name for record in records for name in record if name != "reason")
     return (*names, "reason")
 

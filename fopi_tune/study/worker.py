@@ -11,7 +11,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from fopi_tune.results.design import Design
 from fopi_tune.results.stamp import numeric_versions
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
-from fopi_tune.study.model import Cell, Kind, Stage
+from fopi_tune.study.model import SUCCESS_STATUSES, Cell, Kind, Stage
 from fopi_tune.study.overrides import Files, spec_from_text
 from fopi_tune.study.registry import entries, render_figure
 from fopi_tune.study.system_stages import run_system
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 #: sizes of a worker's caches: gains of base specs, and designs
 _MAX_BASES = 64
 _MAX_DESIGNS = 16
-#: statuses with which a cell goes on to its next stage
-SUCCESS_STATUSES = ("solved", "met", "settles", "made")
 #: one cell at a time in a process: CasADi and the cached problems are not thread-safe
 _CELL_LOCK = threading.Lock()
 
@@ -54,12 +52,14 @@ class CellResult:
         document: JSON of its stages, its rows, or its figure; of a failed cell, the part before the failure.
         reason: why it failed; empty otherwise.
         seconds: computing time; not part of the table.
+        processor_s: processor time of it, of all threads; not kept.
     """
 
     key: str
     document: str
     reason: str
     seconds: float
+    processor_s: float = field(default=0.0, compare=False)
 
     @property
     def failed(self) -> bool:
@@ -113,7 +113,7 @@ def combine_blocks(key: str, cell: Cell, blocks: Sequence[Block]) -> CellResult:
 
 def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> CellResult:
     """Run one cell; never raises.  `blocks` hold the counts of all its draws where they were counted before."""
-    start = time.perf_counter()
+    start, processor_start = time.perf_counter(), time.process_time()
     document: dict[str, Any] = {}
     try:
         reason = (
@@ -124,7 +124,7 @@ def run_cell(key: str, cell: Cell, blocks: Sequence[Block] = ()) -> CellResult:
         expected = isinstance(error, FopiError)
         reason = str(error) if expected else f"internal error, {type(error).__name__}: {error}"
         text = _partial_document(document)
-    return CellResult(key, text, reason, time.perf_counter() - start)
+    return CellResult(key, text, reason, time.perf_counter() - start, time.process_time() - processor_start)
 
 
 def _partial_document(document: dict[str, Any]) -> str:

@@ -315,6 +315,30 @@ def test_chunks_grow_where_cells_are_short_and_never_starve_a_worker(folder: Pat
     assert sizes[-1] <= 2
 
 
+def test_the_time_that_is_left_is_told_without_what_a_worker_does_once(folder: Path) -> None:
+    cells = claims("[slow_1, slow_2, slow_3, slow_4, slow_5]")
+
+    class Timed(InProcessRunner):
+        """The first cell takes 9 s, every other one 2 s; half of it is the processor's."""
+
+        began = False
+
+        def next_outcome(self) -> TaskOutcome:
+            task, _ = self._waiting.popleft()
+            seconds = [2.0 if self.began or i else 9.0 for i in range(len(task.cells))]
+            self.began = True
+            results = [CellResult(k, "{}", "", s, s / 2) for (k, _), s in zip(task.cells, seconds, strict=True)]
+            return TaskOutcome(task, results)
+
+    asked: list[Counts] = []
+    with open_ledger(folder / "out") as ledger:
+        run_study(cells, ledger, VERSIONS, Timed, asked.append)
+    costs = [counts.cost for counts in asked]
+    assert costs[0] is None
+    told = [(c.workers, c.cell_processor_s, c.left_s) for c in costs if c is not None]
+    assert told == [(1, 4.5, 36.0), (1, 2.75, 6.0), (1, 13 / 6, 4.0), (1, 1.875, 2.0), (1, 1.7, 0.0)]
+
+
 def test_a_ledger_is_for_one_process_at_a_time_and_can_be_looked_at_meanwhile(folder: Path) -> None:
     with open_ledger(folder / "out"):
         with pytest.raises(LedgerError, match="another process runs the study"), open_ledger(folder / "out"):

@@ -311,13 +311,27 @@ _VALUES: st.SearchStrategy[Any] = st.one_of(
     st.integers(-2, 9),
     st.sampled_from(["tune", "all", "a.b", "x y", "base"]),
     st.lists(st.sampled_from(["tune", "a.b", 3])),
+    st.sampled_from(
+        [
+            {"from": 1, "to": 2},
+            {"from": 1, "to": 2, "steps": 3, "scale": "log"},
+            {"count": 3, "seed": 1},
+            {"minimize": "a.b", "where": [{"column": "a.b", "at_most": 2}]},
+            {"minimize": "a.b", "where": [{"column": "a.b"}]},
+            {"heat_maps": [{"column": "a.b", "x": "tune", "y": "outcome"}]},
+            "= 2 * a.b",
+        ]
+    ),
 )
 
 
 @settings(max_examples=150, deadline=None)
 @given(
     st.dictionaries(
-        st.sampled_from(["stages", "starts", "collect", "limit_cells", "description", "grid", "zip", "odd"]),
+        st.sampled_from(
+            ["stages", "starts", "collect", "limit_cells", "description", "grid", "zip", "odd", "draw", "sample"]
+        )
+        | st.sampled_from(["seed", "best", "report"]),
         st.one_of(_VALUES, st.dictionaries(st.sampled_from(["a.b", "a..b", "plant.x", "tune"]), _VALUES, max_size=2)),
         max_size=3,
     )

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
-from fopi_tune.study.model import Cell, Column, Kind, Study
-from fopi_tune.study.table import StudyTable, Value, collect_table, override_columns
+from fopi_tune.study.model import Cell, Column, Kind, Study, Value
+from fopi_tune.study.table import StudyTable, collect_table, override_columns
 from fopi_tune.study.worker import CellResult
 
 

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
+from fopi_tune.spec.model import Sense
 from fopi_tune.study import StudyResult
-from fopi_tune.study.table import StudyTable, Value
+from fopi_tune.study.model import Value
+from fopi_tune.study.table import StudyTable
 
 _WIDTH = 80
 _GAP = 2
@@ -48,6 +50,7 @@ def study_text(result: StudyResult, file: str) -> Text:
     told += [f"{counts.failed} failed"] if counts.failed else []
     told += [f"{table.undecided} undecided"] if table.undecided else []
     lines = [f"{result.study.name}: {', '.join(told)}."]
+    lines += textwrap.wrap(best_sentence(result), _WIDTH, subsequent_indent="    ")
     for row in table.claims:
         lines += ["", *_claim(row)]
     if not table.rows and not counts.failed:
@@ -55,6 +58,19 @@ def study_text(result: StudyResult, file: str) -> Text:
     elif any(cell.overrides or cell.stages for cell in result.study.cells):
         lines += ["", *_table(table, file)]
     return Text("\n".join(lines))
+
+
+def best_sentence(result: StudyResult) -> str:
+    """The best cell in words, or why there is none; empty for a study that asks for none."""
+    best = result.table.best
+    if best is None:
+        return ""
+    if best.index is None or best.value is None:
+        return f"Best: no cell; {best.message}."
+    cell, rule = result.study.cells[best.index], best.rule
+    least = "least" if rule.sense is Sense.MINIMIZE else "largest"
+    value = f"{rule.column}, {best.value:.5g}"
+    return f"Best: cell {best.index + 1} ({cell.label}) has the {least} {value}, {best.message}."
 
 
 def _claim(row: Mapping[str, Value]) -> list[str]:

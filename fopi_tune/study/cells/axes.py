@@ -37,16 +37,38 @@ class Scale(StrEnum):
 
 
 @dataclass(frozen=True)
+class Span:
+    """A range from which values are drawn, between two ends of which neither is one of them."""
+
+    low: float
+    high: float
+    scale: Scale
+
+    def at(self, u: float) -> float:
+        """The value at u in (0, 1)."""
+        if self.scale is Scale.LOG:
+            return float(self.low * (self.high / self.low) ** u)
+        return float(self.low + u * (self.high - self.low))
+
+
+@dataclass(frozen=True)
 class Axis:
-    """Values for one path."""
+    """Values for one path, in a list or in a range from which they are drawn."""
 
     path: str
     mark: Mark
     nodes: tuple[Node, ...]
+    span: Span | None = None
 
     def override(self, index: int) -> Override:
         """The override with one of the values."""
         return Override(self.path, self.mark, self.nodes[index])
+
+    def drawn(self, u: float) -> Override:
+        """The override at u in (0, 1)."""
+        if self.span is None:
+            return self.override(min(int(u * len(self.nodes)), len(self.nodes) - 1))
+        return Override(self.path, self.mark, number_node(self.span.at(u), self.mark))
 
 
 @dataclass(frozen=True)
@@ -109,7 +131,9 @@ class PathMapping(Shape):
                 place.collector.add(mark, place.child(key).path, message)
                 continue
             found = self.shape.read(place.child(key))
-            if found is not None:
+            if isinstance(found, Span):
+                axes.append(Axis(key, mark, (), found))
+            elif found is not None:
                 axes.append(Axis(key, mark, found if isinstance(found, tuple) else (found,)))
         return tuple(axes) if len(axes) == len(place.node.entries) else None
 

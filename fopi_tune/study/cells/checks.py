@@ -19,6 +19,8 @@ from fopi_tune.study.overrides import NoSuchPathError, Override, apply_override,
 
 #: cells that a message names
 _MAX_NAMED_CELLS = 12
+#: messages about one override; the cells of further ones are named together
+_MAX_ALIKE = 12
 
 
 @dataclass
@@ -36,10 +38,19 @@ class CellProblems:
 
     def error(self) -> SpecError:
         """All problems, sorted by position."""
-        problems = []
+        problems: list[Problem] = []
+        alike: dict[tuple[str, Mark, str], list[list[Cell]]] = {}
         for (file, mark, path, message), cells in self.found.items():
-            told = f"{_cells_in_words(cells)}: {message}" if file == self.file else message
-            problems.append(Problem(file, mark.line, mark.column, path, told))
+            others = alike.setdefault((file, mark, path), [])
+            others.append(cells)
+            if len(others) <= _MAX_ALIKE:
+                told = f"{_cells_in_words(cells)}: {message}" if file == self.file else message
+                problems.append(Problem(file, mark.line, mark.column, path, told))
+        for (file, mark, path), groups in alike.items():
+            rest = [cell for cells in groups[_MAX_ALIKE:] for cell in cells]
+            if rest:
+                told = f"{_cells_in_words(rest)}: refused with other values in the same way"
+                problems.append(Problem(file, mark.line, mark.column, path, told))
         return SpecError(tuple(sorted(problems, key=lambda p: (p.file, p.line, p.column))))
 
 
