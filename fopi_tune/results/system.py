@@ -117,14 +117,13 @@ class ValidatedSystem(Shown):
         }
 
 
-@dataclass(frozen=True, repr=False)
-class DiscretizedSystem(Shown):
 def feedforward_entry(spec: SystemSpec) -> dict[str, dict[str, float]]:
     """The gains of each mode that is fed forward, by its name."""
     return {mode.name: asdict(mode.feedforward) for mode in spec.modes if mode.feedforward is not None}
 
-@dataclass(frozen=True)
-class DiscretizedSystem:
+
+@dataclass(frozen=True, repr=False)
+class DiscretizedSystem(Shown):
     """The digital controllers of a system's modes, and how they take turns: the result of `fopi discretize SYSTEM`.
 
     Args:
