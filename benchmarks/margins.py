@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
+from typing import Any
 
 import control
 import numpy as np
@@ -64,8 +65,10 @@ def theirs(plants: int) -> float:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             control.stability_margins(loop)
-        np.abs(1.0 / (1.0 + control.frequency_response(loop, omega).complex)).max()
-        np.abs(np.linalg.eigvals(control.feedback(loop, 1).A)).max()
+        found: Any = control.frequency_response(loop, omega)
+        np.abs(1.0 / (1.0 + found.complex)).max()
+        closed: Any = control.feedback(loop, 1)
+        np.abs(np.linalg.eigvals(closed.A)).max()
     return time.perf_counter() - begin
 
 

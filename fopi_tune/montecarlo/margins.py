@@ -111,8 +111,8 @@ class MarginScan:
 
         filtered = self.loops.filter_of_nu
         bottom = np.array([(1.0,) if filtered is None else filtered.coefficients], dtype=float)
-        plants = (np.ascontiguousarray(side, dtype=float) for side in self.loops.plants.polynomials)
-        return Scanned(self.loops.direct, bottom, *plants, 0.5 * self.loops.sections.sample_time_s)
+        top, below = (np.ascontiguousarray(side, dtype=float) for side in self.loops.plants.polynomials)
+        return Scanned(self.loops.direct, bottom, top, below, 0.5 * self.loops.sections.sample_time_s)
 
     @cached_property
     def gain_crossings(self) -> Crossings:

@@ -99,4 +99,4 @@ def factor_of(names: Sequence[str], correlations: Sequence[Correlation]) -> tupl
             "these correlations cannot hold together: where two numbers go with a third, they go with each other too; "
             "write smaller coefficients, or the missing pair"
         )
-    return places, factor
+    return places, np.asarray(factor, dtype=float)

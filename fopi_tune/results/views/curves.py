@@ -7,7 +7,7 @@ when something is drawn.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -176,7 +176,7 @@ class LoopCurves:
         return gains
 
 
-def _style(row: int) -> dict[str, object]:
+def _style(row: int) -> dict[str, Any]:
     """Of the nominal plant, and of corners, which share a word."""
     if row == 0:
         return {"color": "#0072B2", "label": "nominal plant"}

@@ -10,6 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
 
@@ -46,7 +49,7 @@ class _PlantModel:
         if match[2] is None:
             return replace(self, **{match[1]: _range(name, before, ends)})
         index = int(match[2])
-        if not isinstance(before, Sequence) or index >= len(before):
+        if not isinstance(before, Sequence | np.ndarray) or index >= len(before):
             raise DomainError(f"{name!r} is no number of this {type(self).__name__}")
         listed = list(before)
         listed[index] = _range(name, listed[index], ends)
@@ -82,8 +85,8 @@ class TransferFunction(_PlantModel):
         dead_time_s: L, s.
     """
 
-    numerator: Sequence[Number]
-    denominator: Sequence[Number]
+    numerator: Sequence[Number] | Array
+    denominator: Sequence[Number] | Array
     dead_time_s: Number = 0.0
 
     def as_mapping(self) -> dict[str, Any]:

@@ -57,7 +57,7 @@ def test_a_system_may_be_a_mapping_or_a_text() -> None:
 
 
 def test_numbers_of_numpy_and_objects_of_this_package_are_written() -> None:
-    plant = ft.TransferFunction([1.0], np.array([2.0, 1.0]), np.float32(0.25))
+    plant = ft.TransferFunction([1.0], np.array([2.0, 1.0]), np.float64(0.25))
     made = ft.spec(
         OPEN, plant=plant, controller=ft.FoPi(np.float64(1.5), 0.5, 1.0), validation={"samples": np.int64(50)}
     )
