@@ -10,14 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.linalg import expm
 
 
 @dataclass
 class Part:
-    """One mode: its plant y' = (K u - y)/tau, and its controller."""
+    """One mode: its plant K/(d_n s^n + ... + d_0), coefficients from d_n on, and its controller."""
 
     gain: float
-    time_constant_s: float
+    denominator: tuple[float, ...]
     filter: dict[str, object]
     limits: tuple[float, float]
     rate_per_s: float = np.inf
@@ -27,6 +28,16 @@ class Part:
     hold_below: float = -np.inf
     x: np.ndarray = field(default_factory=lambda: np.zeros(0))
     last: float = 0.0
+
+    def moved(self, derivatives: np.ndarray, u: float, sample_time_s: float) -> np.ndarray:
+        """y, y', ... after a sample of one input; those that this plant does not have are 0."""
+        n = len(self.denominator) - 1
+        a = np.zeros((n + 1, n + 1))
+        a[: n - 1, 1:n] = np.eye(n - 1)
+        a[n - 1, :n] = -np.array(self.denominator[:0:-1]) / self.denominator[0]
+        a[n - 1, n] = self.gain / self.denominator[0]
+        after = expm(a * sample_time_s) @ np.append(derivatives[:n], u)
+        return np.append(after[:n], np.zeros(len(derivatives) - n))
 
     def begin(self) -> None:
         """At an output of 0, or the limit next to it."""
@@ -100,7 +111,7 @@ def next_state(words: dict[str, object], names: tuple[str, str], state: int, y: 
 
 def drive(
     words: dict[str, object], parts: tuple[Part, Part], names: tuple[str, str], scenario: dict[str, object],
-    sample_time_s: float,
+    sample_time_s: float, delay: int = 0,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Output and state at the samples.
 
@@ -110,6 +121,7 @@ def drive(
         names: of both.
         scenario: as it is written; before it there was no input but the one that held the plant.
         sample_time_s: Ts.
+        delay: whole samples from a measurement to the new control, with which a mode's plant arrives.
     """
     count = round(scenario["duration_s"] / sample_time_s) + 1  # pyright: ignore
     time_s = sample_time_s * np.arange(count)
@@ -119,7 +131,9 @@ def drive(
     dwell = int(np.ceil(words.get("min_dwell_s", 0.0) / sample_time_s - 1e-9))  # pyright: ignore
     for part in parts:
         part.begin()
-    state, plant, since, outputs, states = 1, 0, 10**9, [], []
+    derivatives = np.zeros(max(len(part.denominator) for part in parts) - 1)
+    derivatives[0] = y
+    state, plant, since, outputs, states, sent = 1, 0, 10**9, [], [], []
     rates = np.diff(reference, prepend=reference[0]) / sample_time_s
     for r, rate, w in zip(reference, rates, load, strict=True):
         before, since, applied = state, since + 1, 0.0 if state == 0 else parts[state - 1].last
@@ -141,9 +155,13 @@ def drive(
                     part.follow(r - y, part.fed(r, rate), u)
         outputs.append(y)
         states.append(state)
-        own = parts[plant]
-        share, stands = -np.expm1(-sample_time_s / own.time_constant_s), own.hold_below > -np.inf
-        if not (stands and y <= 0.0 and own.gain / own.time_constant_s * (u + w) < own.hold_below):
-            y = y + share * (own.gain * (u + w) - y)
-            y = max(y, 0.0) if stands else y
+        sent.append((u, plant))
+        acting, arrived = sent[-1 - delay] if len(sent) > delay else (0.0, 0)
+        own, u = parts[arrived], acting
+        stands, drive = own.hold_below > -np.inf, own.gain / own.denominator[0] * (u + w)
+        if not (stands and y <= 0.0 and drive < own.hold_below):
+            derivatives = own.moved(derivatives, u + w, sample_time_s)
+            if stands:
+                derivatives = np.maximum(derivatives, 0.0)
+            y = float(derivatives[0])
     return np.array(outputs), np.array(states)

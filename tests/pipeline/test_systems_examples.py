@@ -37,9 +37,11 @@ def number(value: object) -> float:
 def part_of(mode: dict, spec: dict) -> Part:
     plant, gains = spec["plant"], mode["gains"]
     if plant["model"] == "lag":
-        gain, time_constant_s = number(plant["static_gain"]), number(plant["time_constant_s"])
+        gain, denominator = number(plant["static_gain"]), (number(plant["time_constant_s"]), 1.0)
+    elif plant["model"] == "pole":
+        gain, denominator = number(plant["gain"]), (1.0, plant["pole_rad_s"])
     else:
-        gain, time_constant_s = number(plant["gain"]) / plant["pole_rad_s"], 1.0 / plant["pole_rad_s"]
+        (gain,), denominator = map(number, plant["numerator"]), tuple(map(number, plant["denominator"]))
     digital = load_spec(FOLDER / mode["spec"]).digital
     assert digital is not None
     sections = sections_of(FoPi(gains["kp"], gains["ki"], gains["alpha"]), digital)
@@ -48,10 +50,10 @@ def part_of(mode: dict, spec: dict) -> Part:
         "direct": own.direct, "poles": own.poles, "residues": own.residues, "weights": own.weights,
         "tracking_gain": own.tracking_gain, "integrates": own.has_integrator,
     }  # fmt: skip
-    part = Part(gain, time_constant_s, filter_of, own.limits, mode.get("output_rate_per_s", np.inf))
+    part = Part(gain, denominator, filter_of, own.limits, mode.get("output_rate_per_s", np.inf))
     fed = mode.get("feedforward", {})
     if fed == "inverse_of_nominal_lag":
-        fed = {"static_gain": 1.0 / gain, "rate_gain": time_constant_s / gain}
+        fed = {"static_gain": denominator[1] / gain, "rate_gain": denominator[0] / gain}
     part.static_gain, part.rate_gain = fed.get("static_gain", 0.0), fed.get("rate_gain", 0.0)
     part.hold_below = mode.get("standstill", {}).get("hold_below_per_s", -np.inf)
     return part
@@ -64,7 +66,9 @@ def test_an_example_is_driven_as_its_words_say(path: Path) -> None:
     names = modes_of(section)
     specs = [written(FOLDER / section[name]["spec"]) for name in names]
     one, two = (part_of(section[name], spec) for name, spec in zip(names, specs, strict=True))
-    output, states = drive(section, (one, two), names, scenario, specs[0]["digital"]["sample_time_s"])
+    digital = specs[0]["digital"]
+    delay = digital.get("delay_samples", 0)
+    output, states = drive(section, (one, two), names, scenario, digital["sample_time_s"], delay)
     (found,) = ft.simulate_system(path).driven
     assert np.array_equal(found.traces.mode[0], states)
     assert np.abs(found.traces.output[0] - output).max() <= 1e-9

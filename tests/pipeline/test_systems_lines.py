@@ -180,3 +180,26 @@ def test_a_certificate_names_a_standstill(tmp_path: Path) -> None:
     document["modes"][0]["hold_below_per_s"] = 0.4
     with pytest.raises(CertificateError):
         from_document(document)
+
+
+def of_second_order(folder: Path) -> Path:
+    path = write(folder, turns="hysteresis: 0.3\ninactive: reset", more=MORE)
+    spec = folder / "heater.yaml"
+    lag = "{model: lag, static_gain: 20, time_constant_s: {min: 3, max: 6, nominal: 4}}"
+    plant = "{model: transfer_function, numerator: [20], denominator: [1.5, {min: 3, max: 6, nominal: 4}, 1]}"
+    spec.write_text(spec.read_text(encoding="utf-8").replace(lag, plant), encoding="utf-8")
+    return path
+
+
+def test_a_plant_of_higher_order_is_driven_drawn_and_named_where_it_is_not_modelled(tmp_path: Path) -> None:
+    path = of_second_order(tmp_path)
+    driven = ft.simulate_system(path).driven[0]
+    assert driven.measures["switch_count"] > 1
+    assert ft.validate_system(path).evidence.validation.samples == 60
+    assert ft.simulate_system(path, replay=3).plant["heater.denominator[1]"] != 4.0
+    with pytest.raises(DomainError, match="heater: its plant of order 2 is simulated on samples; leave --exact out"):
+        ft.simulate_system(path, exact=True)
+    system = load_system(path)
+    certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate
+    assert certificate.reason == "heater: only plants of model lag or pole are handled"
+    assert from_document(json.loads(json.dumps(to_document(certificate)))).model == certificate.model

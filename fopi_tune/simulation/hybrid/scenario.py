@@ -86,6 +86,9 @@ def refuse_what_is_sampled(system: SystemSpec) -> None:
         DomainError: there is such a thing.
     """
     for mode in system.modes:
+        order = len(mode.spec.plant.assemble({})[1]) - 1
+        if order != 1:
+            raise DomainError(f"{mode.name}: its plant of order {order} is simulated on samples; leave --exact out")
         if mode.feedforward is not None:
             raise DomainError(f"{mode.name}: feedforward belongs to the loops on samples; leave it or --exact out")
 

@@ -68,6 +68,12 @@ _inlined: Any = njit(forceinline=True, error_model="numpy")
 def output(s, c, other, settings, offsets):
     """y and dy/dt just before the sample."""
     before = load(s, PREVIOUS_INPUT)
+    if settings.hybrid and settings.order > 1:
+        first, row = load(s, ARRIVED_MODE) < broadcast(0.5), 2 * (settings.order * settings.order + settings.order)
+        rate = _selected(s, settings, offsets, row + settings.order, first) * before
+        for i in range(settings.order):
+            rate = rate + _selected(s, settings, offsets, row + i, first) * load(s, offsets.x + i * WIDTH)
+        return load(s, offsets.x), rate
     if settings.hybrid:
         y, first = load(s, offsets.x), load(s, ARRIVED_MODE) < broadcast(0.5)
         p = offsets.plant
@@ -84,6 +90,46 @@ def output(s, c, other, settings, offsets):
         x = load(s, offsets.x + i * WIDTH)
         y, rate = y + load(s, c + i * WIDTH) * x, rate + load(s, c + (n + i) * WIDTH) * x
     return y + load(s, c + 2 * n * WIDTH) * before, rate + load(s, c + (2 * n + 1) * WIDTH) * before
+
+
+@_inlined
+def _selected(s, settings, offsets, row, first):
+    """A coefficient of the plant of mode 1 or 2; of each there are two segments' matrices and weights, then dy/dt."""
+    n = settings.order
+    one = offsets.plant + row * WIDTH
+    return where(first, load(s, one), load(s, one + (2 * (n * n + n) + n + 1) * WIDTH))
+
+
+@_inlined
+def _advance_segment(s, settings, offsets, row, first, drive):
+    """States of higher order over a segment of a sample with one input."""
+    n = settings.order
+    for i in range(n):
+        x = _selected(s, settings, offsets, row + n * n + i, first) * drive
+        for j in range(n):
+            x = x + _selected(s, settings, offsets, row + i * n + j, first) * load(s, offsets.x + j * WIDTH)
+        store(s, offsets.following + i * WIDTH, x)
+    for i in range(n):
+        store(s, offsets.x + i * WIDTH, load(s, offsets.following + i * WIDTH))
+
+
+@_inlined
+def _advance_derivatives(s, settings, offsets):
+    """`advance_hybrid_states` of plants of which one at least is of higher order."""
+    n, w = settings.order, load(s, LOAD)
+    if settings.delayed:
+        first = load(s, OLD_ARRIVED_MODE) < broadcast(0.5)
+        _advance_segment(s, settings, offsets, 0, first, load(s, OLD_CONTROL) + w)
+    first, before = load(s, ARRIVED_MODE) < broadcast(0.5), load(s, CONTROL) + w
+    row = 2 * (n * n + n)
+    after = _selected(s, settings, offsets, row + n, first) * before
+    for i in range(n):
+        after = after + _selected(s, settings, offsets, row + i, first) * load(s, offsets.x + i * WIDTH)
+    _advance_segment(s, settings, offsets, n * n + n, first, before)
+    for i in range(n):
+        store(s, offsets.x + i * WIDTH, flushed(load(s, offsets.x + i * WIDTH)))
+    store(s, PREVIOUS_INPUT, before)
+    return after
 
 
 @_inlined
@@ -310,6 +356,8 @@ def advance_hybrid_states(s, c, other, settings, offsets):
 
     Returns dy/dt just after the new control arrives.
     """
+    if settings.order > 1:
+        return _advance_derivatives(s, settings, offsets)
     p, x, w = offsets.plant, load(s, offsets.x), load(s, LOAD)
     if settings.delayed:
         first, late = load(s, OLD_ARRIVED_MODE) < broadcast(0.5), load(s, OLD_CONTROL) + w

@@ -10,7 +10,8 @@ have different delays D.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,7 @@ class DiscretePlants:
         arrivals: dy/dt just after the control arrives, and just after the load does, from the sample's start state, the
             control that arrives, the one before, and the same two of the load; shape (m, 2, n + 4); used where an input
             arrives between samples.
+        has_derivatives: whether the states are those of (2).
     """
 
     control: DelayedInput
@@ -78,6 +80,7 @@ class DiscretePlants:
     static_gain: Array
     equilibrium: Array
     arrivals: Array
+    has_derivatives: bool = False
 
     def __len__(self) -> int:
         return len(self.direct)
@@ -108,6 +111,8 @@ class DiscretePlants:
         m, y0 = len(self), start.output
         if y0 == 0.0:
             return np.zeros((m, self.order)), np.zeros(m)
+        if self.has_derivatives and start.before is InitialInput.FREE:
+            return _resting(m, self.order, y0), np.zeros(m)
         if start.before is InitialInput.FREE:
             if self.order != 1:
                 raise DomainError(f"an initial output without input needs plants of order 1, not {self.order}")
@@ -118,6 +123,8 @@ class DiscretePlants:
         held = np.where(integrates, 0.0, y0 / np.where(integrates, 1.0, self.static_gain))
         if self.order == 0:
             return np.zeros((m, 0)), held
+        if self.has_derivatives:
+            return _resting(m, self.order, y0), held
         states = np.where(integrates[:, None], 0.0, self.equilibrium) * held[:, None]
         with np.errstate(divide="ignore"):
             states[:, -1] = np.where(integrates, y0 / self.output[:, -1], states[:, -1])
@@ -162,6 +169,51 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
     scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
     arrivals = _arrivals(a, parts, scale, rate_state, rate_input)
     return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals)
+
+
+def in_derivatives(plants: Sequence[DiscretePlants]) -> list[DiscretePlants]:
+    """The plants of modes that share their output, with states that they share; as they are where all are of order 1.
+
+        z_k = Ts^k y^(k),    k = 0 to n - 1,    n the largest order.                                                (2)
+
+    So the output and its derivatives go on at a change of the mode, as far as the plant that is left has states for
+    them: those beyond a plant's own order are 0 after its first step.
+
+    Args:
+        plants: of each mode, without zeros, direct path and dead time.
+
+    Source: (2) is the phase variable form with time counted in samples; that the modes share it is a definition.
+    """
+    order = max(each.order for each in plants)
+    return list(plants) if order == 1 else [_in_derivatives(each, order) for each in plants]
+
+
+def _in_derivatives(plants: DiscretePlants, order: int) -> DiscretePlants:
+    n, m = plants.order, len(plants)
+    # of a companion matrix and c = (0, ..., 0, b) the states from the last on are z_k/b
+    scale = plants.output[:, -1]
+
+    def shared(given: DelayedInput) -> DelayedInput:
+        transition, weight = np.zeros((2, m, order, order)), np.zeros((2, m, order))
+        transition[:, :, :n, :n] = given.transition[:, :, ::-1, ::-1]
+        weight[:, :, :n] = scale[:, None] * given.weight[:, :, ::-1]
+        return DelayedInput(given.delay, transition, weight)
+
+    output, rate_state = np.zeros((m, order)), np.zeros((m, order))
+    output[:, 0] = 1.0
+    # c a = (0, ..., b, 0) for n > 1, and the pole for n = 1
+    rate_state[:, :n] = plants.rate_state[:, ::-1] / scale[:, None]
+    return replace(
+        plants, control=shared(plants.control), load=shared(plants.load), output=output, rate_state=rate_state,
+        equilibrium=np.zeros((m, order)), arrivals=np.zeros((m, 2, order + 4)), has_derivatives=True,
+    )  # fmt: skip
+
+
+def _resting(m: int, order: int, output: float) -> Array:
+    """States (2) of an output that does not move."""
+    states = np.zeros((m, order))
+    states[:, 0] = output
+    return states
 
 
 def _of_one_degree(top: Array, bottom: Array, sample_time_s: float) -> tuple[Array, Array]:

@@ -40,7 +40,7 @@ from fopi_tune.simulation.sampled.layout import (
     Settings,
     scratch_layout,
 )
-from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
+from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants, in_derivatives
 from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
 #: plants per chunk and thread; bounds the memory
@@ -170,10 +170,13 @@ def _discretized(parts: Sequence[Plants], scenario: Scenario) -> list[DiscretePl
     held = [discretize_plants(part, scenario.sample_time_s, scenario.actuator.delay_samples) for part in parts]
     if scenario.hybrid is not None:
         for part, plants in zip(held, parts, strict=True):
-            if part.order != 1 or np.any(part.direct != 0.0):
-                raise DomainError("a hybrid loop needs plants of first order without a direct path")
+            if part.order < 1 or np.any(part.output[:, :-1] != 0.0) or np.any(part.direct != 0.0):
+                raise DomainError("a hybrid loop needs plants of order 1 or more without zeros and direct path")
+            if part.order > 1 and scenario.hybrid.hold_below:
+                raise DomainError("a standstill needs plants of first order")
             if np.any(plants.dead_time_s != 0.0):
                 raise DomainError("a hybrid loop needs plants without dead time; give it as the actuator's delay")
+        return in_derivatives(held)
     return held
 
 
@@ -276,7 +279,8 @@ def _table(held: list[DiscretePlants], scenario: Scenario, width: int) -> Array:
         plant = []
         for part in held:
             for segment in (0, 1):
-                plant += [part.control.transition[segment, :, :, 0], part.control.weight[segment]]
+                whole = part.control.transition[segment].reshape(m, n * n)
+                plant += [whole, part.control.weight[segment]]
             plant += [part.rate_state, part.rate_input[:, None]]
     columns = [past[:, None], states, *plant]
     table = np.zeros((sum(column.shape[1] for column in columns), width))

@@ -170,21 +170,25 @@ def read_mode(name: str, values: Values, place: Place, loader: SpecLoader) -> Mo
             "rate_gain: ...}"
         )
         return None
+    if "standstill" in values and len(spec.plant.assemble({})[1]) != 2:
+        place.child("standstill").refuse(f"the {name}'s plant is of higher order, and would move on; write a lag")
+        return None
     return ModeSpec(name, spec, values.get("gains"), fed, values.get("standstill"))
 
 
 def _inverse_of(spec: DesignSpec) -> FeedForward | None:
     """The inverse of the nominal plant, where that is a lag with a gain."""
     nominal = spec.plant.member(spec.plant.nominal_point)
-    lead, rest = nominal.denominator
-    top = nominal.numerator[-1]
+    if len(nominal.denominator) != 2:
+        return None
+    (lead, rest), top = nominal.denominator, nominal.numerator[-1]
     return FeedForward.inverse_of_lag(top / rest, lead / rest) if rest / lead > 0.0 and top else None
 
 
 def _problem(spec: DesignSpec) -> str | None:
     """Why a spec is none of a mode, with what to do; None where it is one."""
     if is_fractional(spec.plant):
-        return "a mode's plant is of first order in this version, not a fractional one"
+        return "a mode's plant has whole orders in this version, and is no fractional one"
     if spec.digital is None:
         return "the spec has no section digital, which says how its controller runs; add one to it"
     if spec.controller.has_derivative:
@@ -201,6 +205,13 @@ def _problem(spec: DesignSpec) -> str | None:
     if isinstance(spec.plant, MeasuredFamily):
         return "a mode's plant is simulated, which a measured response cannot be; write its transfer function"
     numerator, denominator, dead_time = spec.plant.assemble({})
-    if len(denominator) != 2 or len(numerator) != 1 or dead_time != 0.0:
-        return "a mode's plant is of first order, without direct path or dead time; give the time as delay_samples"
+    if dead_time != 0.0:
+        return "a mode's plant has no dead time in this version; write it as delay_samples, in both modes' specs"
+    if len(denominator) < 2:
+        return "a mode's plant is of first order or higher: its output must not jump; write a lag with a short time"
+    if len(numerator) != 1:
+        return (
+            "a mode's plant has no zeros in this version: at a change of the mode its output and derivatives go on, "
+            "which a step of the control behind a zero breaks; write one without, such as its dominant lags"
+        )
     return None

@@ -736,7 +736,7 @@ def scenario_of(**changes: object) -> Scenario:
         (
             [Mode(THROTTLE, random_plants(2, 1, 0, late=False)), Mode(BRAKE, brake_plants(1))],
             scenario_of(hybrid=Hybrid(0.1)),
-            "first order",
+            "without zeros and direct path",
         ),
     ],
 )

@@ -10,7 +10,10 @@ import pytest
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
+from fopi_tune.errors import DomainError
 from fopi_tune.simulation.measures import measures_of
+from fopi_tune.simulation.sampled.plants import discretize_plants, in_derivatives
+from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.simulation.sampled.simulate import measure, simulate
 from fopi_tune.simulation.scenario import (
     Actuator,
@@ -178,3 +181,60 @@ def test_what_rests_begins_to_move_when_it_is_driven_enough() -> None:
         expected.append(max(decay * expected[-1] + (1.0 - decay) * 4.0 * w, 0.0))
     np.testing.assert_allclose(y[40:], expected, atol=1e-12)
     assert y[-1] == 0.0
+
+
+def of_higher_order(bottoms: tuple[tuple[float, ...], tuple[float, ...]]) -> list[Mode]:
+    """Both controllers with plants of these denominators, each with its largest coefficient uncertain."""
+    rng, found = np.random.default_rng(8), []
+    for mode, bottom, gain in zip(modes(), bottoms, (20.0, 8.0), strict=True):
+        every = np.tile(bottom, (PLANTS, 1)) * np.r_[1.0, np.ones(len(bottom) - 1)]
+        every[:, 0] *= rng.uniform(0.7, 1.3, PLANTS)
+        found.append(Mode(mode.controller, Plants(np.full((PLANTS, 1), gain), every, np.zeros(PLANTS))))
+    return found
+
+
+ORDERS = {
+    "2-1": ((2.0, 3.0, 1.0), (1.5, 1.0)),
+    "1-2": ((4.0, 1.0), (0.8, 0.6, 1.0)),
+    "2-3": ((2.0, 3.0, 1.0), (0.3, 1.0, 1.5, 1.0)),
+    "3-integrating": ((0.3, 1.2, 1.0, 0.0), (1.5, 1.0)),
+}
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 1.0, 2.3])
+@pytest.mark.parametrize("bottoms", ORDERS.values(), ids=ORDERS)
+def test_plants_of_higher_order_take_the_same_turns(
+    bottoms: tuple[tuple[float, ...], tuple[float, ...]], delay: float
+) -> None:
+    for lines in (RELATIVE, COASTING):
+        scenario = dataclasses.replace(
+            driven(lines, InactiveController.RESET), actuator=Actuator(delay_samples=delay), start=Start(2.0)
+        )
+        both = of_higher_order(bottoms)
+        held = [discretize_plants(m.plants, TS, delay) for m in both if isinstance(m.plants, Plants)]
+        plain = simulate_reference([mode.controller for mode in both], in_derivatives(held), scenario)
+        found = simulate(both, scenario)
+        assert_same(found, plain)
+        np.testing.assert_allclose(found.rate, plain.rate, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.rate_after, plain.rate_after, rtol=1e-9, atol=1e-9)
+        assert {1, 2} <= set(np.unique(found.mode))
+
+
+def test_two_modes_with_one_plant_of_higher_order_are_one_loop() -> None:
+    # a mode that is never left, whatever is beside it, is the single loop's simulation
+    lines = SwitchingLines(Threshold(1e6), Threshold(-1e6))
+    both = of_higher_order(((0.3, 1.0, 1.5, 1.0), (1.5, 1.0)))
+    for delay in (0.0, 0.4):
+        alone = Scenario(TS, Signals(LEVELS), actuator=Actuator(delay_samples=delay), start=Start(3.0))
+        found = simulate(both, dataclasses.replace(alone, hybrid=Hybrid(lines)))
+        single = simulate(both[:1], alone)
+        np.testing.assert_allclose(found.output, single.output, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(found.rate, single.rate, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.rate_after, single.rate_after, rtol=1e-9, atol=1e-9)
+
+
+def test_a_plant_with_zeros_takes_no_turns() -> None:
+    plants = Plants(np.array([[1.0, 2.0]]), np.array([[1.0, 2.0, 1.0]]), np.zeros(1))
+    both = [Mode(mode.controller, plants) for mode in modes()]
+    with pytest.raises(DomainError, match="without zeros"):
+        simulate(both, driven(RELATIVE, InactiveController.HOLD))

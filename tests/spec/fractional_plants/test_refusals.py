@@ -27,5 +27,5 @@ def test_a_mode_of_a_system_has_no_fractional_plant(tmp_path: Path) -> None:
         rest += "objective: {maximize: ki}\n"
         (tmp_path / f"{name}.yaml").write_text(f"schema: 1\nname: {name}\nplant: {plant}\n{rest}", encoding="utf-8")
     (tmp_path / "s.yaml").write_text(SYSTEM, encoding="utf-8")
-    with pytest.raises(SpecError, match="a mode's plant is of first order in this version, not a fractional one"):
+    with pytest.raises(SpecError, match="a mode's plant has whole orders in this version, and is no fractional one"):
         load_system(tmp_path / "s.yaml")

@@ -61,8 +61,7 @@ def test_what_is_no_feed_forward_is_told(tmp_path: Path, words: str, said: str) 
 def test_only_a_lag_has_the_inverse_of_one(tmp_path: Path) -> None:
     path = with_words(tmp_path, "feedforward: inverse_of_nominal_lag")
     spec = tmp_path / "heater.yaml"
-    lag = "{model: lag, static_gain: 20, time_constant_s: {min: 3, max: 6, nominal: 4}}"
-    spec.write_text(spec.read_text().replace(lag, "{model: pole, gain: 5, pole_rad_s: 0}"))
+    spec.write_text(spec.read_text().replace(LAG, "{model: pole, gain: 5, pole_rad_s: 0}"))
     with pytest.raises(SpecError, match=r"inverse_of_nominal_lag is of a lag .* which the heater.s plant is not"):
         load_system(path)
 
@@ -105,6 +104,52 @@ def test_what_is_no_standstill_is_told(tmp_path: Path, words: str, scenario: str
         load_system(path)
     found = refused.value.problems[0]
     assert f"{found.path}: {found.message}".startswith(said)
+
+
+LAG = "{model: lag, static_gain: 20, time_constant_s: {min: 3, max: 6, nominal: 4}}"
+
+
+def with_plant(folder: Path, plant: str, words: str = "") -> Path:
+    path = with_words(folder, words) if words else write(folder)
+    spec = folder / "heater.yaml"
+    spec.write_text(spec.read_text().replace(LAG, plant), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        "{model: transfer_function, numerator: [20], denominator: [{min: 2, max: 3}, 5, 1]}",
+        "{model: transfer_function, numerator: [20], denominator: [1, 3, 3, 1]}",
+        "{parameters: {t: {min: 1, max: 2}}, model: transfer_function, numerator: [20], denominator: [[1, 1], [t, 1]]}",
+    ],
+)
+def test_a_plant_of_higher_order_is_understood_as_meant(tmp_path: Path, plant: str) -> None:
+    first, second = load_system(with_plant(tmp_path, plant)).modes
+    assert len(first.spec.plant.assemble({})[1]) > 2
+    assert len(second.spec.plant.assemble({})[1]) == 2
+
+
+@pytest.mark.parametrize(
+    ("plant", "words", "said"),
+    [
+        ("{model: transfer_function, numerator: [1, 20], denominator: [2, 5, 1]}", "", "has no zeros in this version"),
+        (LAG.replace("}}", "}, dead_time_s: 0.3}"), "", "has no dead time in this version; write it as delay_samples"),
+        (
+            "{model: transfer_function, numerator: [20], denominator: [2, 5, 1]}",
+            "standstill: {hold_below_per_s: 1}",
+            "the heater's plant is of higher order, and would move on; write a lag",
+        ),
+        (
+            "{model: transfer_function, numerator: [20], denominator: [2, 5, 1]}",
+            "feedforward: inverse_of_nominal_lag",
+            "which the heater's plant is not",
+        ),
+    ],
+)
+def test_plants_that_take_no_turns_are_told(tmp_path: Path, plant: str, words: str, said: str) -> None:
+    with pytest.raises(SpecError, match=said):
+        load_system(with_plant(tmp_path, plant, words))
 
 
 def test_modes_without_it_have_none(tmp_path: Path) -> None:
