@@ -216,7 +216,7 @@ def test_gains_that_a_mode_leaves_out_are_tuned_once_for_all_cells(monkeypatch: 
     Path("fan.yaml").write_text(f"{fan}controller: {{alpha: 1}}\n", encoding="utf-8")
     asked: list[Design] = []
 
-    def counted(spec: DesignSpec, **options: bool) -> Design:
+    def counted(spec: DesignSpec, **options: Any) -> Design:
         asked.append(tune(spec, **options))
         return asked[-1]
 
