@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -10,16 +11,18 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.pipeline.discretize import discretize_system
 from fopi_tune.pipeline.prove_system import prove_system
 from fopi_tune.pipeline.systems import simulate_system, validate_system
+from fopi_tune.pipeline.tune import tune
 from fopi_tune.pipeline.tune_system import mode_gains, tune_system
 from fopi_tune.results.status import Status
 from fopi_tune.results.system_design import DesignedSystem
-from fopi_tune.spec.model import SystemSpec
+from fopi_tune.spec.digests import content_digest
+from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.study.cells.systems import system_from_text
 from fopi_tune.study.model import Cell, Stage
 from fopi_tune.study.overrides import Files
 
-#: sizes of a worker's caches: systems, and their gains
-_MAX_SYSTEMS = 16
+#: sizes of a worker's caches: systems and their gains, and gains of modes' own specs
+_MAX_SYSTEMS, _MAX_MODES = 16, 64
 
 _STAGES: Mapping[Stage, Callable[[SystemSpec, Mapping[str, FoPi]], Any]] = {
     Stage.PROVE: prove_system,
@@ -61,10 +64,34 @@ def _system(text: str, name: str, files: Files) -> SystemSpec:
 @lru_cache(_MAX_SYSTEMS)
 def _designed(text: str, name: str, files: Files) -> DesignedSystem:
     """The design of a system; cells that differ only in what they are checked against share it."""
-    return tune_system(_system(text, name, files))
+    system = _system(text, name, files)
+    return tune_system(system, _own_gains(system))
 
 
 @lru_cache(_MAX_SYSTEMS)
 def _gains(text: str, name: str, files: Files) -> dict[str, FoPi]:
     """The gains of a system without a stage tune: those that it gives, and those of its modes' own specs."""
-    return mode_gains(_system(text, name, files), None)
+    system = _system(text, name, files)
+    return mode_gains(system, _own_gains(system))
+
+
+@dataclass(frozen=True)
+class _ModeSpec:
+    """A mode's spec; equal to another one of the same content."""
+
+    digest: str
+    spec: DesignSpec = field(compare=False)
+
+
+def _own_gains(system: SystemSpec) -> dict[str, FoPi]:
+    """The gains of modes that have none and are not tuned with the system, where their specs have a solution."""
+    wanted = [mode for mode in system.modes if mode.gains is None and mode.name not in system.tuned]
+    found = {mode.name: _tuned(_ModeSpec(content_digest(mode.spec), mode.spec)) for mode in wanted}
+    return {name: gains for name, gains in found.items() if isinstance(gains, FoPi)}
+
+
+@lru_cache(_MAX_MODES)
+def _tuned(mode: _ModeSpec) -> FoPi | None:
+    """The gains of a spec; cells that differ in other parts of their system share them."""
+    design = tune(mode.spec, proof=False, bracket=False)
+    return design.gains if design.status is Status.SOLVED else None

@@ -94,6 +94,14 @@ def test_the_study_of_two_stages_on_the_page_of_studies_can_be_run(tmp_path: Pat
     assert [column.name for column in study.collect] == ["tune.gains.kp", "prove.requirements[2].achieved"]
 
 
+def test_held_memories_chatter_where_reset_ones_do_not() -> None:
+    study = shipped("hysteresis")
+    held, reset = (row_of(study, system_inactive=word, system_hysteresis=0.125) for word in ("held", "reset"))
+    assert (held["outcome"], reset["outcome"]) == ("chattering", "violated")
+    assert held["switches"] > 100 > 9 >= reset["switches"]
+    assert (held["calm"], reset["calm"]) == (0, 500)
+
+
 def test_only_the_paper_has_claims() -> None:
     for name in STUDIES:
         kinds = {cell.kind for cell in shipped(name).cells}

@@ -15,6 +15,7 @@ from fopi_tune.study.cells.systems import (
     IN_MODE_SPEC,
     DocumentLoader,
     mode_files,
+    refuse_written_specs,
     system_from_tree,
     system_text,
     with_mode_specs,
@@ -54,6 +55,7 @@ class BaseSpec:
         Raises:
             ModeSpecError: a spec of a system cannot be read.
         """
+        refuse_written_specs(tree)
         return cls(file, with_mode_specs(tree, load), read, load, tree)
 
     @property

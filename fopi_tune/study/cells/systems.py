@@ -19,7 +19,7 @@ from fopi_tune.spec.load import contents_reader
 from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.systems import SYSTEM, read_system
 from fopi_tune.spec.validation import FileReader
-from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, ScalarNode
+from fopi_tune.spec.yaml.nodes import MappingNode, Node, Place, ScalarNode, SequenceNode, kind_of
 from fopi_tune.spec.yaml.problems import Mark, ProblemCollector
 from fopi_tune.study.overrides import Files, node_from_json, plain_value, spec_from_tree
 
@@ -69,6 +69,20 @@ def _with_spec(mode: Node, path: str, load: DocumentLoader) -> Node:
     if isinstance(document, MappingNode):
         document = replace(document, entries={k: v for k, v in document.entries.items() if k not in UNREAD})
     return replace(mode, entries={**mode.entries, "spec": (mark, document)})
+
+
+def refuse_written_specs(tree: Node) -> None:
+    """Refuse a system file that has a spec in place of its path, as every other command does.
+
+    Raises:
+        ModeSpecError: where it is.
+    """
+    section = tree.entries[SYSTEM][1] if isinstance(tree, MappingNode) and SYSTEM in tree.entries else None
+    for key, (_, mode) in section.entries.items() if isinstance(section, MappingNode) else ():
+        spec = mode.entries["spec"][1] if isinstance(mode, MappingNode) and "spec" in mode.entries else None
+        if isinstance(spec, MappingNode | SequenceNode):
+            message = f"{kind_of(spec)} is written where text belongs; write the path of the spec"
+            raise ModeSpecError(spec.mark, f"{SYSTEM}.{key}.spec", message)
 
 
 def mode_files(tree: Node) -> dict[str, str]:

@@ -10,11 +10,15 @@ import pytest
 from cases.project import ROOT
 from cases.two_modes import write
 
+from fopi_tune.core.controller import numbers_of
 from fopi_tune.errors import SpecError
 from fopi_tune.pipeline.discretize import discretize_system
 from fopi_tune.pipeline.prove_system import prove_system
 from fopi_tune.pipeline.systems import simulate_system, validate_system
+from fopi_tune.pipeline.tune import tune
+from fopi_tune.results.design import Design
 from fopi_tune.spec import load_document, load_system
+from fopi_tune.spec.model import DesignSpec
 from fopi_tune.study import Machines, run
 from fopi_tune.study.cells.systems import system_from_text
 from fopi_tune.study.ledger import Counts
@@ -185,6 +189,44 @@ def test_mistakes_of_a_modes_spec_are_told_once_in_its_own_file() -> None:
     assert found[0].startswith(
         "rig.yaml:5:15: system.fan.spec: the spec cannot be used: fan.yaml:1:1: there is no such"
     )
+
+
+def test_a_spec_in_place_of_its_path_is_refused_as_everywhere() -> None:
+    text = Path("rig.yaml").read_text(encoding="utf-8").replace("spec: fan.yaml", "spec: {name: fan}")
+    Path("rig.yaml").write_text(text, encoding="utf-8")
+    (found,) = mistakes("stages: [simulate]")
+    assert found == (
+        "rig.yaml:5:15: system.fan.spec: a mapping is written where text belongs; write the path of the spec"
+    )
+
+
+@pytest.mark.parametrize("system", ["[1]", "5", "{heater: 5}", "{heater: {spec: heater.yaml}}", "{a: {}, b: {}}"])
+def test_a_file_that_is_no_system_is_told_in_its_place(system: str) -> None:
+    Path("rig.yaml").write_text(f"schema: 1\nname: rig\nsystem: {system}\nscenarios: []\n", encoding="utf-8")
+    found = mistakes("stages: [simulate]\ngrid: {system.hysteresis: [1]}")
+    assert found
+    assert all(line.startswith(("rig.yaml:", "s.yaml:5:")) for line in found)
+
+
+def test_gains_that_a_mode_leaves_out_are_tuned_once_for_all_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = Path("rig.yaml").read_text(encoding="utf-8").replace(", gains: {kp: 0.2, ki: 0.15, alpha: 0.8}", "")
+    Path("rig.yaml").write_text(text, encoding="utf-8")
+    asked_for = "[{phase_margin_deg: {at_least: 60}}, {crossover_rad_s: {at_most: 1}}]\nobjective: {maximize: ki}"
+    fan = Path("fan.yaml").read_text(encoding="utf-8").replace("[{phase_margin_deg: {at_least: 20}}]", asked_for)
+    Path("fan.yaml").write_text(f"{fan}controller: {{alpha: 1}}\n", encoding="utf-8")
+    asked: list[Design] = []
+
+    def counted(spec: DesignSpec, **options: Any) -> Design:
+        asked.append(tune(spec, **options))
+        return asked[-1]
+
+    monkeypatch.setattr("fopi_tune.study.system_stages.tune", counted)
+    cells = study("grid: {system.hysteresis: [0.31, 0.32]}\nstages: [simulate]").cells
+    told = [document(cell)["simulate"] for cell in cells]
+    (design,) = asked
+    assert design.spec.name == "fan"
+    assert design.gains is not None
+    assert [each["gains"]["fan"] for each in told] == [numbers_of(design.gains)] * 2
 
 
 def test_a_spec_is_simulated_too() -> None:
