@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import json
 import os
 import re
 import shutil
@@ -31,7 +33,9 @@ NEEDS = {"howto/c_on_target": ("gcc", "make")}
 #: pages whose commands take half a minute each, and are run with `-m long`
 LONG_PAGES = ["paper", "tutorial", "api"]
 LONG_PAGES += [f"howto/{name}" for name in ("comfort", "what_a_limit", "own_plant", "two_loops", "fractional_plant")]
-LONG_PAGES += [f"howto/{name}" for name in ("c_on_target", "derivative", "reports", "dask", "batch", "evidence")]
+LONG_PAGES += [
+    f"howto/{name}" for name in ("c_on_target", "derivative", "reports", "dask", "batch", "evidence", "python")
+]
 
 
 class Page(HTMLParser):
@@ -178,6 +182,27 @@ def test_commands_and_programs_on_a_page_run_and_print_what_it_shows(name: str, 
         elif block.language == "text":
             assert last is not None, f"{name}:{block.line} shows what nothing printed"
             assert looks_like(last, block.text), f"{name}:{block.line} does not show what is printed:\n{last}"
+
+
+def test_the_notebook_runs_and_its_cells_show_something(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cells as a notebook runs them: a last expression is shown as HTML where it can be."""
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    names: dict[str, object] = {}
+    shown = []
+    for cell in json.loads((DOCS / "howto" / "brake.ipynb").read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        assert cell["outputs"] == []
+        program = ast.parse("".join(cell["source"]))
+        last = program.body.pop()
+        assert isinstance(last, ast.Expr)
+        exec(compile(program, "cell", "exec"), names)
+        value = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+        shown.append(value._repr_html_() if hasattr(value, "_repr_html_") else repr(value))
+    design, *_, evidence, sections = shown
+    assert design.count("<td>proved</td>") == 3
+    assert "all at once" in evidence
+    assert sections.startswith("Sections(sample_time_s=0.2")
 
 
 def test_a_page_that_shows_something_else_is_found_out(tmp_path: Path) -> None:
