@@ -22,13 +22,17 @@ from cases.plain_figures import RENDERED_BY, drawn_alone
 from cases.plants import PUBLISHED_BRAKE, ROBUST_BRAKE
 from cases.project import CONTINUOUS
 from cases.reports import BRAKE, brake_page, without_gains
+from cases.study_tables import result_of
 
 import fopi_tune as ft
 from fopi_tune.report.comparison_page import comparison_files
 from fopi_tune.report.documents import documents_of, documents_of_run
 from fopi_tune.report.html import report_files
+from fopi_tune.report.study_page import study_page_files
 from fopi_tune.report.system_page import system_report_files
 from fopi_tune.spec import parse_spec
+from fopi_tune.spec.model import Sense
+from fopi_tune.study.model import BestRule
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the package playwright is not installed")
 
@@ -98,6 +102,12 @@ def comparison_page() -> str:
 @cache
 def system_page() -> str:
     return str(system_report_files(switched.certificate("held"))["system_report.html"])
+
+
+@cache
+def study_page() -> str:
+    rows = [({"plant.time_constant_s.max": a, "b": b}, "met", {"iae": a * b}) for a in (1.0, 2.0) for b in (1.0, 3.0)]
+    return str(study_page_files(result_of(rows, BestRule(Sense.MINIMIZE, "iae")))["report.html"])
 
 
 def hostile_page(words: str) -> str:
@@ -196,7 +206,7 @@ def test_a_screenshot_is_made_and_not_blank(browser: Any, tmp_path: Path) -> Non
 
 @pytest.mark.thinned(2)
 @pytest.mark.parametrize("width", [1280, 400])
-@pytest.mark.parametrize("make", [brake_page, comparison_page, system_page])
+@pytest.mark.parametrize("make", [brake_page, comparison_page, system_page, study_page])
 def test_no_page_is_wider_than_its_window(browser: Any, tmp_path: Path, make: Any, width: int) -> None:
     with Visit(browser, tmp_path / "page.html", make(), width) as visit:
         scroll, client = visit.page.evaluate(PIXELS)
@@ -232,7 +242,9 @@ def test_print_leaves_the_slider_out_and_every_figure_in(browser: Any, tmp_path:
         assert visit.page.pdf(format="A4").startswith(b"%PDF")
 
 
-@pytest.mark.parametrize(("make", "pictures"), [(brake_page, 10), (comparison_page, 4), (system_page, 2)])
+@pytest.mark.parametrize(
+    ("make", "pictures"), [(brake_page, 10), (comparison_page, 4), (system_page, 2), (study_page, 2)]
+)
 def test_a_screen_reader_is_told_of_every_figure(browser: Any, tmp_path: Path, make: Any, pictures: int) -> None:
     with Visit(browser, tmp_path / "page.html", make()) as visit:
         told = re.findall(r"""^\s*- '?img "(.*?)"'?:""", visit.page.locator("body").aria_snapshot(), re.MULTILINE)
