@@ -227,3 +227,6 @@ def test_delays_of_their_own_are_driven_drawn_and_named_where_they_are_not_model
     certificate = ft.prove_system(load_system(path), setpoints=(2.0, 8.0)).certificate
     assert certificate.verdict.value == "undecided"
     assert "delay" in certificate.reason
+    page = system_report_files(certificate)["system_report.html"]
+    assert isinstance(page, str)
+    assert "0 in the heater and 3 in the fan" in page
