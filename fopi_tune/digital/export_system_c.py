@@ -110,7 +110,7 @@ def _values(export: SystemExport, pair: SwitchedRuntime, prefix: str, codes: lis
         "sha256": sanitized(export.system_sha256),
         "tool": sanitized(export.tool),
         "sample_time": digital.sample_time_s,
-        "delay_samples": digital.delay_samples,
+        "delay_samples": _delays(export),
         "measurement_unit": sanitized(export.modes[0].units.measurement) or "unit not given",
         "modes": [_mode(export, index, code) for index, code in enumerate(codes)],
         "first": 1 + export.switching.first,
@@ -121,6 +121,12 @@ def _values(export: SystemExport, pair: SwitchedRuntime, prefix: str, codes: lis
         "memory": export.switching.memory.value,
         "memory_text": _MEMORY[export.switching.memory],
     }
+
+
+def _delays(export: SystemExport) -> float | str:
+    """The computing delay that was foreseen, in samples; of both modes where theirs differ."""
+    one, other = (mode.controller.digital.delay_samples for mode in export.modes)
+    return one if one == other else f"{one} in mode 1 and {other} in mode 2"
 
 
 def _turns(pair: SwitchedRuntime, suffix: str) -> dict[str, Any]:

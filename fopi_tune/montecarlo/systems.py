@@ -77,7 +77,7 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
     Args:
         system: gives hysteresis, minimum dwell, first mode and the inactive controller's behaviour.
         scenario: the spec's.
-        implementation: of either mode; gives sample time and delay.
+        implementation: of either mode; gives the sample time, and the delay where both have the same.
         seed: of the noise.
     """
     names = [mode.name for mode in system.modes]
@@ -90,8 +90,12 @@ def hybrid_scenario(system: SystemSpec, scenario: ScenarioSpec, implementation: 
         system.min_dwell_samples,
         fed_by(tuple(mode.feedforward for mode in system.modes), system.sample_time_s),
         system.hold_below,
+        system.own_delays,
     )
-    return replace(scenario_of(scenario, implementation, seed), hybrid=hybrid)
+    run = scenario_of(scenario, implementation, seed)
+    if hybrid.delay_samples:
+        run = replace(run, actuator=replace(run.actuator, delay_samples=0.0))
+    return replace(run, hybrid=hybrid)
 
 
 def system_evidence(

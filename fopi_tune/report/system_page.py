@@ -90,8 +90,11 @@ def _model(certificate: SystemCertificate, unit: str) -> Iterator[tuple[str, str
         for word, line in lines.named(*(loop.name for loop in model.loops)).items():
             yield word, f"{line.value:g}{suffix}{'' if line.is_absolute else ' from the setpoint'}"
     yield "inactive controller", model.memory.value
-    delay = model.loops[0].delay_samples
-    if delay:
+    delay, other = (loop.delay_samples for loop in model.loops)
+    if delay != other:
+        told = " and ".join(f"{loop.delay_samples:g} in the {loop.name}" for loop in model.loops)
+        yield "computing delay, samples", told
+    elif delay:
         yield "computing delay", f"{delay:g} of a sample" if delay < 1.0 else "one sample"
     for loop in model.loops:
         numbers = [

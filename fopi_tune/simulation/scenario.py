@@ -170,6 +170,8 @@ class Hybrid:
         min_dwell_samples: from one jump to the next at least; 0 and 1 are any.  The first mode may be left at once.
         fed: g and h/Ts of each mode's feed-forward of the setpoint; empty where there is none.
         hold_below: h of each mode's standstill, output unit per s, -inf for a mode without; empty where there is none.
+        delay_samples: computing delay of each mode's control, in place of the actuator's; empty where that holds for
+            both.  Of the controls that have arrived the one that was sent last acts.
     """
 
     half_width: float | SwitchingLines
@@ -180,6 +182,7 @@ class Hybrid:
     min_dwell_samples: int = 0
     fed: tuple[Fed, ...] = ()
     hold_below: tuple[float, ...] = ()
+    delay_samples: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         SwitchingLines.of(self.half_width)

@@ -354,6 +354,12 @@ class SystemSpec:
         return SwitchingLines.of(self.hysteresis)
 
     @property
+    def own_delays(self) -> tuple[int, ...]:
+        """Computing delay of each mode, whole samples; empty where both have the same."""
+        one, other = (0.0 if mode.spec.digital is None else mode.spec.digital.delay_samples for mode in self.modes)
+        return () if one == other else (round(one), round(other))
+
+    @property
     def hold_below(self) -> tuple[float, ...]:
         """Of each mode's standstill, output unit per s, -inf for a mode without; empty where there is none."""
         every = [mode.hold_below_per_s for mode in self.modes]

@@ -260,17 +260,22 @@ def _refuse_accelerations(system: SystemSpec, limits: list[PlacedLimit]) -> None
 
 
 def _check_same_timing(raising: ModeSpec, lowering: ModeSpec, values: Values, place: Place) -> bool:
-    """Whether both loops have the same timing, so that they can run on one computer; reports if not."""
+    """Whether both loops can run on one computer, with delays that are the same or whole samples; reports if not."""
     one, other = raising.spec.digital, lowering.spec.digital
     assert one is not None
     assert other is not None
     where = place.child(SYSTEM).child(lowering.name).child("spec")
-    for key in ("sample_time_s", "delay_samples"):
-        if getattr(one, key) != getattr(other, key):
-            where.refuse(
-                f"its {key} is {getattr(other, key)}, the {raising.name}'s {getattr(one, key)}; make them equal"
-            )
-            return False
+    if one.sample_time_s != other.sample_time_s:
+        said = f"its sample_time_s is {other.sample_time_s}, the {raising.name}'s {one.sample_time_s}; make them equal"
+        where.refuse(said)
+        return False
+    delays = other.delay_samples, one.delay_samples
+    if delays[0] != delays[1] and not all(float(each).is_integer() for each in delays):
+        where.refuse(
+            f"its delay_samples is {delays[0]}, the {raising.name}'s {delays[1]}; those that differ are whole samples: "
+            "round both up, or make them equal"
+        )
+        return False
     refuse_too_many_samples(values["scenarios"], one.sample_time_s, place)
     return not place.collector.problems
 

@@ -111,7 +111,7 @@ def next_state(words: dict[str, object], names: tuple[str, str], state: int, y: 
 
 def drive(
     words: dict[str, object], parts: tuple[Part, Part], names: tuple[str, str], scenario: dict[str, object],
-    sample_time_s: float, delay: int = 0,
+    sample_time_s: float, delays: tuple[int, int] = (0, 0),
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Output and state at the samples.
 
@@ -121,7 +121,8 @@ def drive(
         names: of both.
         scenario: as it is written; before it there was no input but the one that held the plant.
         sample_time_s: Ts.
-        delay: whole samples from a measurement to the new control, with which a mode's plant arrives.
+        delays: of each mode, whole samples from a measurement to the new control, with which its plant arrives; of
+            those that have arrived the one that was sent last acts.
     """
     count = round(scenario["duration_s"] / sample_time_s) + 1  # pyright: ignore
     time_s = sample_time_s * np.arange(count)
@@ -156,7 +157,10 @@ def drive(
         outputs.append(y)
         states.append(state)
         sent.append((u, plant))
-        acting, arrived = sent[-1 - delay] if len(sent) > delay else (0.0, 0)
+        # what was sent earlier than the largest delay has arrived
+        late = sent[-1 - max(delays) :]
+        here = [each for k, each in enumerate(late) if len(late) - 1 - k >= delays[each[1]]]
+        acting, arrived = here[-1] if here else (0.0, 0)
         own, u = parts[arrived], acting
         stands, drive = own.hold_below > -np.inf, own.gain / own.denominator[0] * (u + w)
         if not (stands and y <= 0.0 and drive < own.hold_below):

@@ -66,9 +66,9 @@ def test_an_example_is_driven_as_its_words_say(path: Path) -> None:
     names = modes_of(section)
     specs = [written(FOLDER / section[name]["spec"]) for name in names]
     one, two = (part_of(section[name], spec) for name, spec in zip(names, specs, strict=True))
-    digital = specs[0]["digital"]
-    delay = digital.get("delay_samples", 0)
-    output, states = drive(section, (one, two), names, scenario, digital["sample_time_s"], delay)
+    digitals = [spec["digital"] for spec in specs]
+    first, second = (digital.get("delay_samples", 0) for digital in digitals)
+    output, states = drive(section, (one, two), names, scenario, digitals[0]["sample_time_s"], (first, second))
     (found,) = ft.simulate_system(path).driven
     assert np.array_equal(found.traces.mode[0], states)
     assert np.abs(found.traces.output[0] - output).max() <= 1e-9

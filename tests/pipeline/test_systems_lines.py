@@ -203,3 +203,30 @@ def test_a_plant_of_higher_order_is_driven_drawn_and_named_where_it_is_not_model
     certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate
     assert certificate.reason == "heater: only plants of model lag or pole are handled"
     assert from_document(json.loads(json.dumps(to_document(certificate)))).model == certificate.model
+
+
+@needs_gcc
+def test_delays_of_their_own_are_driven_drawn_and_named_where_they_are_not_modelled(tmp_path: Path) -> None:
+    path = write(tmp_path, turns="hysteresis: 0.3\ninactive: reset", more=MORE)
+    before = ft.simulate_system(path).driven[0].traces
+    spec = tmp_path / "fan.yaml"
+    spec.write_text(
+        spec.read_text(encoding="utf-8").replace("poles: 5", "poles: 5, delay_samples: 3"), encoding="utf-8"
+    )
+    after = ft.simulate_system(path).driven[0].traces
+    # alike until the fan's first control, which now comes later
+    first = int(np.argmax(before.mode[0] == 2))
+    assert np.array_equal(before.output[0, : first + 1], after.output[0, : first + 1])
+    assert np.abs(before.output - after.output).max() > 0.05
+    assert ft.validate_system(path).evidence.validation.samples == 60
+    code = ft.discretize_system(path).code()
+    assert "0.0 in mode 1 and 3.0 in mode 2 samples were foreseen" in " ".join(code["fopi_rig_f64.h"].split())
+    assert replayed(code, tmp_path / "c", "gcc").returncode == 0
+    with pytest.raises(DomainError, match="delay_samples that differ are simulated on samples"):
+        ft.simulate_system(path, exact=True)
+    certificate = ft.prove_system(load_system(path), setpoints=(2.0, 8.0)).certificate
+    assert certificate.verdict.value == "undecided"
+    assert "delay" in certificate.reason
+    page = system_report_files(certificate)["system_report.html"]
+    assert isinstance(page, str)
+    assert "0 in the heater and 3 in the fan" in page

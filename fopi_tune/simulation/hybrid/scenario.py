@@ -85,6 +85,8 @@ def refuse_what_is_sampled(system: SystemSpec) -> None:
     Raises:
         DomainError: there is such a thing.
     """
+    if system.own_delays:
+        raise DomainError("delay_samples that differ are simulated on samples; make them equal, or leave --exact out")
     for mode in system.modes:
         order = len(mode.spec.plant.assemble({})[1]) - 1
         if order != 1:

@@ -40,6 +40,7 @@ from fopi_tune.simulation.sampled.layout import (
     PEAK_RATE,
     PREVIOUS_INPUT,
     RESULTS,
+    SENT,
     START,
     TRACES,
     TRACK,
@@ -67,6 +68,7 @@ def _initialise(s, block, table, controllers, settings, offsets):
         s[APPLIED + lane] = s[PREVIOUS_INPUT + lane] = s[CONTROL + lane] = past
         s[MODE + lane] = s[ARRIVED_MODE + lane] = settings.first_mode
         s[LAST_SWITCH + lane] = -np.inf
+        s[SENT + lane] = -1.0
         s[IS_NEW + lane] = settings.starts_at_first_sample
         for which in range(1 + settings.hybrid):
             mode = (settings.first_mode + which) % 2

@@ -29,7 +29,8 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", 
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
 #: output of the active and of the inactive controller, last error, excess u - v, switches in the window; of a rise the
 #: direction and the lanes that wait for its two levels, in three places, and y one sample before; whether the next
-#: sample is the controller's first; whether both outputs rest; y and its change at the last sample that counts
+#: sample is the controller's first; whether both outputs rest; y and its change at the last sample that counts; the
+#: sample at which the control that acts was sent
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
 UNDERSHOOT, REACHED, RISEN, RISE, PEAK_JERK = (WIDTH * i for i in range(15, 20))
@@ -37,7 +38,7 @@ RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (
 OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES = (
     WIDTH * i for i in range(28, 36)
 )
-RISING, RISING_OUTPUT, IS_NEW, COASTING, OUTPUT, CHANGE, NOISE = (WIDTH * i for i in range(36, 43))
+RISING, RISING_OUTPUT, IS_NEW, COASTING, OUTPUT, CHANGE, SENT, NOISE = (WIDTH * i for i in range(36, 44))
 #: four rows each, for the noise of four samples; a vector may be read from the last entry
 TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
 #: rows with a fixed offset
@@ -93,6 +94,9 @@ class Settings(NamedTuple):
     bumpless: int
     delayed: int
     ring: int
+    own_delays: int
+    first_delay: int
+    second_delay: int
     same_delay: int
     loaded: int
     load_delayed: int

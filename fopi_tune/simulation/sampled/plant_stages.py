@@ -53,6 +53,7 @@ from fopi_tune.simulation.sampled.layout import (
     RISING,
     RISING_OUTPUT,
     SATURATED,
+    SENT,
     SETTLED,
     STEP_ERROR,
     UNDERSHOOT,
@@ -309,7 +310,10 @@ def update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
         now = k % settings.ring
         store(history, now * WIDTH, applied)
         store(modes, now * WIDTH, load(s, MODE))
-        if settings.same_delay:
+        if settings.own_delays:
+            _arrive(s, history, modes, k, 0, settings.first_delay, settings)
+            _arrive(s, history, modes, k, 1, settings.second_delay, settings)
+        elif settings.same_delay:
             place = (k - delay[0]) % settings.ring * WIDTH
             store(s, CONTROL, load(history, place))
             store(s, ARRIVED_MODE, load(modes, place))
@@ -327,6 +331,19 @@ def update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
                 s[LOAD + lane] = signal[place] if place >= 0 else 0.0
         else:
             store(s, LOAD, broadcast(signal[k]))
+
+
+@_inlined
+def _arrive(s, history, modes, k, which, delay, settings):
+    """The control that arrives now in the lanes where it is of this mode and no later one acts already."""
+    sent = k - delay
+    if sent >= 0:
+        place, mode = sent % settings.ring * WIDTH, broadcast(float(which))
+        own = load(modes, place)
+        arrives = (own >= mode) & (own <= mode) & (load(s, SENT) < broadcast(float(sent)))
+        store(s, CONTROL, where(arrives, load(history, place), load(s, CONTROL)))
+        store(s, ARRIVED_MODE, where(arrives, mode, load(s, ARRIVED_MODE)))
+        store(s, SENT, where(arrives, broadcast(float(sent)), load(s, SENT)))
 
 
 @_inlined

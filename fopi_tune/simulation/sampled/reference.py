@@ -198,7 +198,10 @@ class _ReferenceLoop:
             return 0.0
         delay = int(self.plants[0].control.delay[i])
         load, after = self._load(k), 0.0
-        for segment, place in ((0, k - delay - 1), (1, k - delay)):
+        places = [(0, k - delay - 1), (1, k - delay)]
+        if self.scenario.hybrid.delay_samples:
+            places = [(1, self._sent_last(k))]
+        for segment, place in places:
             self.arrived = self.modes[place] if place >= 0 else self.scenario.hybrid.first - 1
             control = self.plants[self.arrived].control
             self.before = self._control(place) + load
@@ -210,6 +213,12 @@ class _ReferenceLoop:
             elif (hold := self.scenario.hybrid.hold_below) and math.isfinite(hold[self.arrived]):
                 self.x = np.maximum(self.x, 0.0)
         return after
+
+    def _sent_last(self, k: int) -> int:
+        """The sample at which the control was sent that acts now, by each mode's own delay; -1 before the first."""
+        assert self.scenario.hybrid is not None
+        delays = self.scenario.hybrid.delay_samples
+        return max((j for j in range(k + 1) if j + delays[self.modes[j]] <= k), default=-1)
 
     def _control(self, place: int) -> float:
         return self.applied[place] if place >= 0 else self.past

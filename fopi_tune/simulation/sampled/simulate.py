@@ -16,18 +16,20 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
-from fopi_tune.core.terms.feedforward import NOT_FED
-from fopi_tune.digital.runtime import Runtime, init
 from fopi_tune.errors import DomainError
+from fopi_tune.simulation.sampled.coefficients import (
+    controller_coefficients,
+    derivatives_of,
+    filter_order_of,
+    mode_coefficients,
+)
 from fopi_tune.simulation.sampled.layout import (
     BAND,
     BEFORE,
     BEGINS,
     DIRECTION,
     FED_STATIC,
-    INTEGRATES,
     LOAD_BEGINS,
-    PROPORTIONAL,
     REFERENCE_BEGINS,
     RESULTS,
     RISES_FROM,
@@ -176,6 +178,8 @@ def _discretized(parts: Sequence[Plants], scenario: Scenario) -> list[DiscretePl
                 raise DomainError("a standstill needs plants of first order")
             if np.any(plants.dead_time_s != 0.0):
                 raise DomainError("a hybrid loop needs plants without dead time; give it as the actuator's delay")
+        if scenario.hybrid.delay_samples and scenario.actuator.delay_samples:
+            raise DomainError("delays of the modes' own stand in place of the actuator's; make that 0")
         return in_derivatives(held)
     return held
 
@@ -204,8 +208,8 @@ def _run(
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
     results = np.zeros((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * count * blocks * WIDTH if keep else 0)
-    controllers = np.array([_coefficients(mode.controller, settings) for mode in modes])
-    controllers[:, FED_STATIC:SECTIONS] = _mode_coefficients(scenario.hybrid, len(modes))
+    controllers = np.array([controller_coefficients(mode.controller, settings) for mode in modes])
+    controllers[:, FED_STATIC:SECTIONS] = mode_coefficients(scenario.hybrid, len(modes))
     scratch, jumps = _aligned(offsets.size + 2 * max(settings.ring, 1) * WIDTH), np.zeros(count, dtype=np.int64)
     reference, steps = scenario.signals.reference, _step_rows(scenario, horizon)
     run_blocks(
@@ -221,47 +225,6 @@ def _aligned(count: int) -> Array:
     room = np.zeros(count + 8)
     first = -(room.ctypes.data // 8) % 8
     return room[first : first + count]
-
-
-def _derivatives(controller: Runtime) -> int:
-    """The number of the derivative's sections."""
-    return 0 if controller.derivative is None else len(controller.derivative.gains)
-
-
-def _filter_order(controller: Runtime) -> int:
-    """Of its measurement filter; 0 without one."""
-    used = controller.measurement_filter
-    return 0 if used is None else 1 if used.damping is None else 2
-
-
-def _mode_coefficients(hybrid: Hybrid | None, count: int) -> Array:
-    """What a system says of its modes, in the order of `layout`, shape (count, 4)."""
-    rows = np.tile([*NOT_FED, -np.inf, -np.inf], (count, 1))
-    if hybrid is not None and hybrid.fed:
-        rows[:, :2] = hybrid.fed
-    if hybrid is not None and hybrid.hold_below:
-        rows[:, 2] = [0.0 if np.isfinite(each) else each for each in hybrid.hold_below]
-        rows[:, 3] = hybrid.hold_below
-    return rows
-
-
-def _coefficients(controller: Runtime, settings: Settings) -> Array:
-    """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
-    end = SECTIONS + 3 * settings.sections
-    low, high = controller.limits
-    start = float(init(controller).output)
-    last, used = end + 2 * settings.derivatives, controller.measurement_filter
-    rows = np.zeros(last + 2 * (settings.filter_order > 0))
-    rows[:INTEGRATES] = controller.direct, controller.tracking_gain, low, high, start
-    rows[INTEGRATES:PROPORTIONAL] = controller.has_integrator, controller.most_change
-    rows[PROPORTIONAL:FED_STATIC] = controller.proportional, controller.setpoint_weight
-    if controller.derivative is not None:
-        rows[end:last:2], rows[end + 1 : last : 2] = controller.derivative.gains, controller.derivative.shares
-    if used is not None:
-        rows[last:] = used.share, used.damping or 0.0
-    for place, row in enumerate((controller.poles, controller.weights, controller.residues)):
-        rows[SECTIONS + place : SECTIONS + 3 * len(row) : 3] = row
-    return rows
 
 
 def _table(held: list[DiscretePlants], scenario: Scenario, width: int) -> Array:
@@ -294,8 +257,12 @@ def _settings(
     sensor, Ts = scenario.sensor, scenario.sample_time_s
     hybrid = scenario.hybrid or Hybrid(0.0)
     up, down, coast_above, coast_below = hybrid.lines.numbers
-    delay = int(held[0].control.delay.max(initial=0))
-    delayed = delay > 0 or any(bool(np.any(part.control.weight[0] != 0.0)) for part in held)
+    own = hybrid.delay_samples or (0, 0)
+    delay = max(int(held[0].control.delay.max(initial=0)), *own)
+    # of delays that differ, which are whole, every control acts at a sample
+    delayed = (delay > 0 and not hybrid.delay_samples) or any(
+        bool(np.any(part.control.weight[0] != 0.0)) for part in held
+    )
     load_delayed = bool(np.any(held[0].load.delay > 0))
     return Settings(
         noise_std=float(sensor.noise_std),
@@ -320,9 +287,9 @@ def _settings(
         fed=int(bool(hybrid.fed)),
         stands=int(bool(hybrid.hold_below)),
         weighted=int(any(mode.controller.proportional != 0.0 for mode in modes)),
-        derivatives=max(_derivatives(mode.controller) for mode in modes),
+        derivatives=max(derivatives_of(mode.controller) for mode in modes),
         starts_at_first_sample=int(any(mode.controller.starts_at_first_sample for mode in modes)),
-        filter_order=max(_filter_order(mode.controller) for mode in modes),
+        filter_order=max(filter_order_of(mode.controller) for mode in modes),
         first_mode=int(hybrid.first) - 1,
         most_switches=int(hybrid.most_switches),
         window=int(np.floor(hybrid.window_s / Ts + 1e-9)),
@@ -332,6 +299,9 @@ def _settings(
         bumpless=int(scenario.start.bumpless),
         delayed=int(delayed),
         ring=delay + 1 if delay else 0,
+        own_delays=int(bool(hybrid.delay_samples)),
+        first_delay=int(own[0]),
+        second_delay=int(own[1]),
         same_delay=int(np.all(held[0].control.delay == delay)),
         loaded=int(scenario.signals.load is not None),
         load_delayed=int(load_delayed),

@@ -238,3 +238,29 @@ def test_a_plant_with_zeros_takes_no_turns() -> None:
     both = [Mode(mode.controller, plants) for mode in modes()]
     with pytest.raises(DomainError, match="without zeros"):
         simulate(both, driven(RELATIVE, InactiveController.HOLD))
+
+
+@pytest.mark.parametrize("delays", [(1, 3), (3, 0), (0, 2)])
+@pytest.mark.parametrize("lines", [0.4, COASTING], ids=["hysteresis", "coast"])
+def test_controls_that_are_late_by_times_of_their_own_arrive_alike(
+    lines: SwitchingLines | float, delays: tuple[int, int]
+) -> None:
+    scenario = driven(lines, InactiveController.HOLD)
+    hybrid = dataclasses.replace(scenario.hybrid or Hybrid(0.0), delay_samples=delays)
+    scenario = dataclasses.replace(scenario, hybrid=hybrid)
+    for both in (modes(), of_higher_order(ORDERS["2-1"])):
+        held = [discretize_plants(m.plants, TS) for m in both if isinstance(m.plants, Plants)]
+        start = dataclasses.replace(scenario, start=Start(0.0))
+        plain = simulate_reference([mode.controller for mode in both], in_derivatives(held), start)
+        assert_same(simulate(both, start), plain)
+    assert {1, 2} <= set(np.unique(plain.mode))
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_equal_delays_of_their_own_are_the_actuators(delay: int) -> None:
+    scenario = driven(0.4, InactiveController.TRACK)
+    own = dataclasses.replace(scenario.hybrid or Hybrid(0.0), delay_samples=(delay, delay))
+    one = simulate(modes(), dataclasses.replace(scenario, hybrid=own))
+    two = simulate(modes(), dataclasses.replace(scenario, actuator=Actuator(delay_samples=float(delay))))
+    np.testing.assert_allclose(one.output, two.output, rtol=1e-12, atol=1e-12)
+    assert np.array_equal(one.mode, two.mode)

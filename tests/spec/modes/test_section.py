@@ -152,5 +152,24 @@ def test_plants_that_take_no_turns_are_told(tmp_path: Path, plant: str, words: s
         load_system(with_plant(tmp_path, plant, words))
 
 
+def with_delays(folder: Path, heater: str, fan: str) -> Path:
+    path = write(folder)
+    for name, delay in (("heater", heater), ("fan", fan)):
+        spec = folder / f"{name}.yaml"
+        spec.write_text(spec.read_text().replace("poles: 5", f"poles: 5, delay_samples: {delay}"), encoding="utf-8")
+    return path
+
+
+def test_each_mode_has_a_computing_delay_of_its_own(tmp_path: Path) -> None:
+    assert load_system(with_delays(tmp_path, "0", "2")).own_delays == (0, 2)
+    (tmp_path / "same").mkdir()
+    assert load_system(with_delays(tmp_path / "same", "0.4", "0.4")).own_delays == ()
+
+
+def test_delays_that_differ_are_whole(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match=r"is 1.5, the heater's 1.0; those that differ are whole samples"):
+        load_system(with_delays(tmp_path, "1.0", "1.5"))
+
+
 def test_modes_without_it_have_none(tmp_path: Path) -> None:
     assert [mode.feedforward for mode in rig(tmp_path).modes] == [None, None]
