@@ -80,8 +80,8 @@ class TransferFunction(_PlantModel):
     """P(s) = N(s) e^(-L s)/D(s).
 
     Args:
-        numerator: of N, in descending powers of s.
-        denominator: of D.
+        numerator: coefficients of N in descending powers of s, shape (n,).
+        denominator: the same of D, shape (d,).
         dead_time_s: L, s.
     """
 
