@@ -129,7 +129,7 @@ def refuse_system_simulation(
     for each in select_scenarios(system.scenarios, scenario):
         if exact:
             refuse_samples_only(each, any(rate is not None for rate in rates))
-            refuse_what_is_sampled(system)
+            refuse_what_is_sampled(system, each)
         for mode, family_point in zip(system.modes, _points(system, point), strict=True):
             refuse_start(each, Plants.members(mode.spec.plant, family_point[None, :]), system.sample_time_s)
     return point

@@ -14,6 +14,9 @@ e, v and the load are lines between their values just after and just before the 
 A standstill is that of `simulation.scenario`, by the larger drive of a step.  Where the modes coast, v is 0, the plant
 is that of the mode that was left last, and what each controller remembers is kept or follows 0.
 
+A feed-forward of r and of its slope is added to u.  At a step of r the slope's part is an impulse, which the limits cut
+to nothing.
+
 The error falls as h^2 between jumps; a jump happens at the first node beyond its line after the minimum dwell, so that
 it is up to h late.
 
@@ -129,7 +132,8 @@ class _Run:
     def through(self) -> SteppedResponse:
         """All nodes in turn, up to where the run ends."""
         count = len(self.output)
-        self.before[0] = self._control(self.signals.reference[0][0] - self.output[0], self.memory[self.active])
+        first = float(self.signals.reference[0][0])
+        self.before[0] = self._control(first - self.output[0], self.memory[self.active], self._added(first, 0.0))
         self._node(0)
         end = 1
         while end < count and self.outcome is HybridOutcome.FINISHED:
@@ -142,8 +146,20 @@ class _Run:
             tuple(self.jumps), self.outcome, self.reason,
         )  # fmt: skip
 
-    def _control(self, error: float, memory: Array) -> float:
-        return 0.0 if self.coasting else self.loop.saturate(self.loop.demand(float(error), memory))
+    def _control(self, error: float, memory: Array, added: float) -> float:
+        return 0.0 if self.coasting else self.loop.saturate(self.loop.demand(float(error), memory) + added)
+
+    def _added(self, setpoint: float, slope: float) -> float:
+        """What the active mode's feed-forward adds."""
+        if not self.car.fed:
+            return 0.0
+        static, rate = self.car.fed[self.active - 1]
+        return static * setpoint + rate * slope
+
+    def _slope(self, n: int) -> float:
+        """The setpoint's rate from node n to the next one."""
+        before, after = self.signals.reference
+        return float(before[n + 1] - after[n]) / self.step if 0 <= n < len(before) - 1 else 0.0
 
     def _arriving(self, n: int) -> tuple[Mode, float]:
         """The mode that acts just after node n, and its control."""
@@ -159,12 +175,13 @@ class _Run:
         late = n + 1 - self.lag
         end = self.before[late] if self.lag and late > 0 else self.past if self.lag else begin
         y, control, x = 0.0, end, memory
+        added = self._added(float(reference[n + 1]), self._slope(n))
         for _ in range(1 if self.lag else _REPEATED):
             line = gain * (begin + load_after[n]), gain * (end + load[n + 1])
             y = self._standing(mode, n, float(_stepped(self.output[n : n + 1], plant, *line)[0]), max(line))
             error = float(reference[n + 1] - y)
             x = memory if self.coasting else _stepped(memory, self.sections[self.active], float(e0), error)
-            control = self._control(error, x)
+            control = self._control(error, x, added)
             end = end if self.lag else control
         self.output[n + 1], self.memory[self.active], self.before[n + 1] = y, x, control
         self.rate[n + 1] = self._rate(mode, y, gain * (end + load[n + 1]))
@@ -176,7 +193,7 @@ class _Run:
             self._stop(n, HybridOutcome.DIVERGED, f"the output goes beyond {self.watch.most_output:g}")
         elif n >= self.free_at and (entered := self._entered(y, r)) is not None:
             self._jump(n, entered)
-        self.after[n] = self._control(r - y, self.memory[self.active])
+        self.after[n] = self._control(r - y, self.memory[self.active], self._added(r, self._slope(n)))
         self.mode[n], self.moved[n] = 0 if self.coasting else self.active, self.active
         mode, control = self._arriving(n)
         gain, load = self.loops[mode].gain, float(self.signals.load[1][n])
@@ -212,20 +229,21 @@ class _Run:
     def _jump(self, n: int, entered: Mode | int) -> None:
         y, left = float(self.output[n]), self.active
         error = float(self.signals.reference[0][n]) - y
-        control = self._control(error, self.memory[left])
+        setpoint, slope = float(self.signals.reference[0][n]), self._slope(n - 1)
+        control = self._control(error, self.memory[left], self._added(setpoint, slope))
         if not self.coasting:
             self.idle_since[left] = n
         self.free_at, self.coasting = n + self.dwell, not isinstance(entered, Mode)
         if isinstance(entered, Mode):
             self.active = entered
-            self._begin(n, control, error)
+            self._begin(n, control, error, self._added(setpoint, slope))
         self.jumps.append(n)
         count = self.watch.most_jumps
         if len(self.jumps) > count and (n - self.jumps[-1 - count]) * self.step <= self.watch.window_s:
             found = f"more than {count} jumps within {self.watch.window_s:g} s"
             self._stop(n, HybridOutcome.CHATTERING, found)
 
-    def _begin(self, n: int, control: float, error: float) -> None:
+    def _begin(self, n: int, control: float, error: float, added: float) -> None:
         """The memory of the mode that begins to act."""
         memory = self.memory[self.active]
         if self.car.memory is Memory.RESET:
@@ -233,7 +251,7 @@ class _Run:
         elif self.car.memory is Memory.TRACKING and len(memory):
             # as on samples: the idle integral followed the control until just before, the other states decayed
             decayed = memory * np.exp(self.loop.poles * (n - self.idle_since[self.active]) * self.step)
-            self.memory[self.active] = self.loop.memory_for(self.loop.saturate(control), error, decayed)
+            self.memory[self.active] = self.loop.memory_for(self.loop.saturate(control) - added, error, decayed)
 
     def _stop(self, n: int, outcome: HybridOutcome, reason: str) -> None:
         mode = 0 if self.coasting else self.active.value

@@ -77,11 +77,11 @@ def simulate_hybrid(
         The jumps, the samples up to where the run ended, and how it ended.
 
     Raises:
-        DomainError: an invalid reference, end, sample times or start, modes that coast or stand still, or a horizon of
-            more than a million of the car's longest steps.
+        DomainError: an invalid reference, end, sample times or start, modes that need equal steps, or a horizon of more
+            than a million of the car's longest steps.
     """
-    if car.lines.coasts or car.hold_below:
-        raise DomainError("modes that coast or stand still are simulated in equal steps")
+    if car.lines.coasts or car.hold_below or car.fed:
+        raise DomainError("modes that coast, stand still or are fed forward are simulated in equal steps")
     corners = checked_reference(reference, end_s)
     times = checked_samples(times_s, end_s)
     simulation = _Simulation(car, corners, end_s, start or HybridStart(), watch or Watch())

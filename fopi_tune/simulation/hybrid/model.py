@@ -16,6 +16,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
+from fopi_tune.core.terms.feedforward import Fed
 from fopi_tune.digital.switched_runtime import Memory
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.hybrid.flow import ModeLoop
@@ -58,6 +59,7 @@ class HybridCar:
             without an integral has no state to set.
         min_dwell_s: from one jump to the next at least, s; the first mode may be left at once.
         hold_below: of each mode's standstill as in `simulation.scenario.Hybrid`; only equal steps have it.
+        fed: g and h of each mode's feed-forward, g r + h r'; empty where there is none; only equal steps have it.
 
     Raises:
         DomainError: eps or the dwell is negative or not finite, or TRACKING where no controller has an integral.
@@ -69,6 +71,7 @@ class HybridCar:
     memory: Memory = Memory.HELD
     min_dwell_s: float = 0.0
     hold_below: tuple[float, ...] = ()
+    fed: tuple[Fed, ...] = ()
 
     def __post_init__(self) -> None:
         eps = self.eps

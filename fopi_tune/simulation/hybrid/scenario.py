@@ -15,6 +15,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
+from fopi_tune.core.terms.feedforward import fed_by
 from fopi_tune.digital.oustaloup import oustaloup
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
@@ -55,7 +56,7 @@ def simulate_inclusion(
         DomainError: the scenario has something only a sampled loop has, or invalid numbers.
     """
     refuse_samples_only(scenario, any(controller.limits_rate for controller in controllers))
-    refuse_what_is_sampled(system)
+    refuse_what_is_sampled(system, scenario)
 
     def run(refined: int) -> _Run:
         return _simulated(system, scenario, gains, plants, controllers, sample_time_s, refined)
@@ -79,8 +80,12 @@ def computing_delay_s(system: SystemSpec) -> float:
     return 0.0 if digital is None else digital.delay_samples * digital.sample_time_s
 
 
-def refuse_what_is_sampled(system: SystemSpec) -> None:
+def refuse_what_is_sampled(system: SystemSpec, scenario: ScenarioSpec) -> None:
     """Refuse what only a simulation of the system on samples has.
+
+    Args:
+        system: to be simulated.
+        scenario: of it.
 
     Raises:
         DomainError: there is such a thing.
@@ -91,13 +96,35 @@ def refuse_what_is_sampled(system: SystemSpec) -> None:
         order = len(mode.spec.plant.assemble({})[1]) - 1
         if order != 1:
             raise DomainError(f"{mode.name}: its plant of order {order} is simulated on samples; leave --exact out")
-        if mode.feedforward is not None:
-            raise DomainError(f"{mode.name}: feedforward belongs to the loops on samples; leave it or --exact out")
+        if mode.feedforward is not None and mode.feedforward.rate_gain and _has_step(scenario):
+            limits = mode.spec.digital.output_limits if mode.spec.digital is not None else None
+            if limits is None:
+                raise DomainError(
+                    f"{mode.name}: the rate_gain of its feedforward makes an impulse of a step of the setpoint; write "
+                    "output_limits, which cut it, or a ramp_s, or leave --exact out"
+                )
+
+
+def _has_step(scenario: ScenarioSpec) -> bool:
+    """Whether the setpoint jumps."""
+    before = [scenario.initial_output, *(knot.value for knot in scenario.reference)]
+    pairs = zip(scenario.reference, before, strict=False)
+    return any(knot.ramp_s == 0.0 and knot.value != last for knot, last in pairs)
 
 
 def _is_stepped(system: SystemSpec, scenario: ScenarioSpec) -> bool:
     """Whether a system's jumps cannot be located."""
-    return bool(scenario.load) or computing_delay_s(system) > 0.0 or system.lines.coasts or bool(system.hold_below)
+    return (
+        bool(scenario.load)
+        or computing_delay_s(system) > 0.0
+        or system.lines.coasts
+        or bool(system.hold_below)
+        or _is_fed(system)
+    )
+
+
+def _is_fed(system: SystemSpec) -> bool:
+    return any(mode.feedforward is not None for mode in system.modes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +152,10 @@ def _simulated(
     first = Mode.THROTTLE if system.first == system.modes[0].name else Mode.BRAKE
     # without any integral there is nothing to track
     memory = Memory(system.inactive) if any(gain.ki for gain in gains) else Memory.HELD
-    car = HybridCar(
-        *loops, eps=system.hysteresis, memory=memory, min_dwell_s=system.min_dwell_s, hold_below=system.hold_below
-    )
+    # in continuous time the rate is dr/dt itself, as if a sample lasted a second
+    fed = fed_by(tuple(mode.feedforward for mode in system.modes), 1.0)
+    raises, lowers = loops
+    car = HybridCar(raises, lowers, system.hysteresis, memory, system.min_dwell_s, system.hold_below, fed)
     loop = car.loop(first)
     at_rest = scenario.before == InitialInput.REST.value
     past = scenario.initial_output * loop.pole_rad_s / loop.gain if at_rest else 0.0

@@ -14,7 +14,7 @@ from fopi_tune.design.systems.problem import NO_LOOP, Question, SystemProblem
 from fopi_tune.design.systems.search import reasons_by_formula
 from fopi_tune.pipeline.systems import simulate_system
 from fopi_tune.spec import load_system
-from fopi_tune.spec.model import Knot, Limit, Relation, SystemSpec
+from fopi_tune.spec.model import Knot, Limit, Objective, Relation, Sense, SystemSpec
 
 
 def car() -> SystemSpec:
@@ -62,6 +62,19 @@ def test_the_designs_simulation_keeps_a_minimum_dwell() -> None:
         assert judged.objective == pytest.approx(driven.measures["iae"], rel=1e-12)
         found.append(judged.objective)
     assert found[0] < found[1]
+
+
+@pytest.mark.parametrize("name", ["train", "tank_level", "motor_with_chopper", "reflow_oven"])
+def test_the_designs_simulation_is_that_of_every_word_of_a_mode(name: str) -> None:
+    system = load_system(ROOT / "systems" / "examples" / f"{name}.yaml")
+    (scenario,) = system.scenarios
+    aim = Objective(Sense.MINIMIZE, "iae", scenario=scenario.name)
+    system = replace(system, objective=aim, tuned=(system.modes[1].name,))
+    gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
+    judged = SystemProblem(system, gains).judge(gains, system.family.nominal_point[None, :])
+    assert judged is not None
+    # sums of the samples in another order
+    assert judged.objective == pytest.approx(simulate_system(system, gains).driven[0].measures["iae"], rel=1e-11)
 
 
 def test_a_mode_that_begins_too_fast_is_told_by_a_formula() -> None:

@@ -22,9 +22,15 @@ STEP = 0.002
 BAND = SwitchingLines(Threshold(0.7), Threshold(-0.5), Threshold(0.1), Threshold(0.2))
 
 
-def in_steps(car: HybridCar) -> SteppedResponse:
+def setpoint(t: float | np.ndarray, ramp_s: float, just_before: bool = False) -> np.ndarray:
+    """8, reached at once or in a ramp, and 3 from 8 s on."""
+    first = 8.0 * np.minimum(np.asarray(t) / ramp_s, 1.0) if ramp_s else np.full(np.shape(t), 8.0)
+    return np.where(np.asarray(t) <= 8.0 if just_before else np.asarray(t) < 8.0 - 1e-9, first, 3.0)
+
+
+def in_steps(car: HybridCar, ramp_s: float = 0.0) -> SteppedResponse:
     times = np.asarray(STEP * np.arange(round(END / STEP) + 1), dtype=float)
-    sides = tuple(np.where(times <= 8.0 if before else times < 8.0, 8.0, 3.0) for before in (True, False))
+    sides = tuple(np.asarray(setpoint(times, ramp_s, before), dtype=float) for before in (True, False))
     zero = np.zeros_like(times)
     signals = SteppedSignals((sides[0], sides[1]), (zero, zero))
     return simulate_stepped(car, signals, STEP, 0, HybridStart(), 0.0, Watch(50, 0.1))
@@ -43,22 +49,33 @@ def next_state(state: int, offset: float) -> int:
     return 0 if (state == 1 and offset >= 0.1) or (state == 2 and offset <= 0.2) else state
 
 
-def in_tiny_steps(memory: Memory, every: int = 20) -> tuple[np.ndarray, np.ndarray]:
+def in_tiny_steps(
+    memory: Memory,
+    ramp_s: float = 0.0,
+    fed: tuple[tuple[float, float], ...] = ((0.0, 0.0), (0.0, 0.0)),
+    every: int = 20,
+) -> tuple[np.ndarray, np.ndarray]:
     """Output and state at the nodes, by Euler's rule."""
-    h, y, x, state, left, applied, e = STEP / every, 0.0, [0.0, 0.0], 1, 1, 0.0, 8.0
-    rows, states = [], []
-    for n in range(round(END / h) + 1):
-        before, error, state = state, e, next_state(state, y - (8.0 if n * h < 8.0 else 3.0))
-        e = (8.0 if n * h < 8.0 else 3.0) - y
-        if state:
-            left = state
+    h, y, x, state, left, applied = STEP / every, 0.0, [0.0, 0.0], 1, 1, 0.0
+    times = h * np.arange(round(END / h) + 1)
+    reference = setpoint(times, ramp_s)
+    slopes = np.where((times < ramp_s) & (times < 8.0), 8.0 / ramp_s if ramp_s else 0.0, 0.0)
+    r, slope, e, rows, states = float(reference[0]), float(slopes[0]), float(reference[0]), [], []
+    for n in range(len(times)):
+        # what a controller saw just before
+        error, old, before = e, (r, slope), state
+        r, slope = float(reference[n]), float(slopes[n])
+        e, state = r - y, next_state(state, y - r)
+        left = state or left
         kp, ki, low, high, gain, pole = PARTS[left - 1]
+        static, rate = fed[left - 1]
         if state and state != before and memory is Memory.RESET:
             x[left - 1] = 0.0
         elif state and state != before and memory is Memory.TRACKING:
             # it followed what was applied until now: that of the band, or of the other mode
-            x[left - 1] = (min(max(applied, low), high) - kp * error) / ki
-        applied = min(max(kp * e + ki * x[left - 1], low), high) if state else 0.0
+            x[left - 1] = (min(max(applied, low), high) - static * old[0] - rate * old[1] - kp * error) / ki
+        wanted = kp * e + ki * x[left - 1] + static * r + rate * slope
+        applied = min(max(wanted, low), high) if state else 0.0
         if n % every == 0:
             rows.append(y)
             states.append(state)
@@ -74,10 +91,23 @@ def test_a_band_is_driven_as_a_plain_integration_drives_it(memory: Memory) -> No
     assert set(found.mode) == {0, 1, 2}
     changes = [np.flatnonzero(np.diff(each)) for each in (found.mode, states)]
     assert len(changes[0]) == len(changes[1])
-    # each change comes up to a step late, and they add up; the output moves by 4 per s at most
+    # each change comes up to a step late, and they add up; the output moves by 5 per s at most
     assert np.all(np.abs(changes[0] - changes[1]) <= 1 + np.arange(len(changes[0])))
-    assert np.abs(found.output - output).max() < 4.0 * STEP * len(changes[0]) / 2
+    assert np.abs(found.output - output).max() < 5.0 * STEP * len(changes[0]) / 2
     assert np.all(found.control[found.mode == 0] == 0.0)
+
+
+@pytest.mark.parametrize("memory", Memory)
+def test_a_feed_forward_is_driven_as_a_plain_integration_drives_it(memory: Memory) -> None:
+    fed = ((0.05, 0.3), (0.08, 0.16))
+    found = in_steps(HybridCar(RAISES, LOWERS, BAND, memory, fed=fed), 6.0)
+    output, states = in_tiny_steps(memory, 6.0, fed)
+    changes = [np.flatnonzero(np.diff(each)) for each in (found.mode, states)]
+    assert len(changes[0]) == len(changes[1]) > 2
+    assert np.all(np.abs(changes[0] - changes[1]) <= 1 + np.arange(len(changes[0])))
+    assert np.abs(found.output - output).max() < 5.0 * STEP * max(len(changes[0]) / 2, 1.0)
+    without = in_steps(HybridCar(RAISES, LOWERS, BAND, memory), 6.0)
+    assert np.abs(without.output - found.output).max() > 0.2
 
 
 @pytest.mark.parametrize("lines", [(0.4, 0.15), (0.6, -0.2)])
