@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
 ExportOption = Annotated[
     list[str] | None,
-    typer.Option(metavar="FORMAT", help="Beside C, in `targets/`: fmu (FMI 3.0, with sources). May be repeated."),
+    typer.Option(
+        metavar="FORMAT",
+        help="Beside C, in `targets/`: fmu (FMI 3.0, with sources), cmsis (CMSIS-DSP). May be repeated.",
+    ),
 ]
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-s")
 _LONGEST_S = 60.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 from fopi_tune.digital.export_c import Export
+from fopi_tune.digital.targets.cmsis import cmsis_header
 from fopi_tune.digital.targets.fmu import fmu_files, packed
 
 
@@ -12,6 +13,7 @@ class Target(StrEnum):
     """An export format beside C; the value is its word on the command line."""
 
     FMU = "fmu"
+    CMSIS = "cmsis"
 
 
 def export_target(export: Export, target: Target) -> dict[str, str | bytes]:
@@ -26,8 +28,9 @@ def export_target(export: Export, target: Target) -> dict[str, str | bytes]:
     Raises:
         DomainError: an invalid name, empty limits, or a controller that is unusable after rounding or in this format.
     """
-    made = {Target.FMU: _fmu}
-    return made[target](export)
+    if target is Target.CMSIS:
+        return {f"{export.name}_cmsis.h": cmsis_header(export)}
+    return _fmu(export)
 
 
 def _fmu(export: Export) -> dict[str, str | bytes]:
