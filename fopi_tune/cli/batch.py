@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -36,6 +36,7 @@ from fopi_tune.cli.result_files import (
     SIMULATION,
     SYSTEM_FIGURES,
     SYSTEM_REPORT,
+    TARGETS_FOLDER,
     files_of,
 )
 from fopi_tune.errors import DomainError, SpecError
@@ -69,6 +70,8 @@ class OutputOptions:
     several: bool = False
     #: whether what is only checked counts as undecided
     require_proof: bool = False
+    #: of a result: names and contents that are written before its own
+    further_files: Callable[[Result], Mapping[str, str | bytes]] | None = None
 
     def folder(self, spec: DesignSpec | SystemSpec) -> Path:
         """The folder of a spec's results."""
@@ -163,7 +166,8 @@ def _process_one(
     try:
         result = compute(spec)
         document = result.to_dict()
-        files: list[tuple[str, str | bytes]] = list(files_of(result))
+        files = list(options.further_files(result).items() if options.further_files else ())
+        files += files_of(result)
         table = None if options.as_json else _result_text(result)
     except DomainError as error:
         say(f"{spec.name}: {error}")
@@ -203,10 +207,13 @@ def write_files(folder: Path, files: Sequence[tuple[str, str | bytes]], name: st
         if path.parent == folder:
             options.note(f"{name}: wrote {path}")
     written = {file for file, _ in files}
-    for inner in (CODE_FOLDER, FIGURES_FOLDER):
+    for inner in (CODE_FOLDER, TARGETS_FOLDER, FIGURES_FOLDER):
         if any(file.startswith(f"{inner}/") for file in written):
             options.note(f"{name}: wrote {folder / inner}")
     stale = [file for file in _obsolete_files(written) if (folder / file).exists()]
+    if DIGITAL in written:  # in formats that were not asked for now
+        found = (path.relative_to(folder).as_posix() for path in (folder / TARGETS_FOLDER).glob("*"))
+        stale += sorted(set(found) - written)
     for kind in (SIMULATION, EXACT):
         if f"{kind}.json" in written:  # of scenarios that are not simulated now
             stale += sorted({path.name for path in folder.glob(f"{kind}_*.[cs][sv][vg]")} - written)
@@ -218,7 +225,7 @@ def write_files(folder: Path, files: Sequence[tuple[str, str | bytes]], name: st
 
 def _obsolete_files(written: set[str]) -> list[str]:
     """Files that an earlier result of the same kind may have left and that were not written now."""
-    digital = [DIGITAL, DIGITAL_CERTIFICATE, CONTROLLER_FIGURE, CODE_FOLDER]
+    digital = [DIGITAL, DIGITAL_CERTIFICATE, CONTROLLER_FIGURE, CODE_FOLDER, TARGETS_FOLDER]
     figures = (
         [f"{FIGURES_FOLDER}/{name}.{kind}" for name in REPORT_FIGURES for kind in ("svg", "png")]
         if REPORT in written

@@ -10,7 +10,7 @@ import typer
 
 from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
-from fopi_tune.cli.discretize import discretize_file
+from fopi_tune.cli.discretize import ExportOption, discretize_file
 from fopi_tune.cli.gains import GivenGains, number_option
 from fopi_tune.cli.init import (
     FittedOption,
@@ -247,6 +247,7 @@ def discretize(
     alpha: Alpha = None,
     kd: Kd = None,
     mu: Mu = None,
+    export: ExportOption = None,
     out: Out = None,
     as_json: AsJson = False,
     no_proof: NoProof = False,
@@ -261,7 +262,7 @@ def discretize(
     and how they take turns; nothing is proved of it here.
     """
     options = OutputOptions(out, as_json, quiet, debug)
-    raise typer.Exit(discretize_file(spec, GivenGains(kp, ki, alpha, kd, mu), not no_proof, options))
+    raise typer.Exit(discretize_file(spec, GivenGains(kp, ki, alpha, kd, mu), not no_proof, options, export or ()))
 
 
 @app.command()

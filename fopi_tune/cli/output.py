@@ -6,10 +6,12 @@ import contextlib
 import json
 import os
 import secrets
+import subprocess
 import sys
+import tempfile
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -204,3 +206,24 @@ def write_file(path: Path, content: str | bytes) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink()
         raise
+
+
+def made_in_a_folder(command: Sequence[str], files: Mapping[str, bytes], made: str, longest_s: float) -> bytes:
+    """What a program makes of files, in a folder of its own that is removed afterwards.
+
+    Args:
+        command: run in the folder, with nothing printed.
+        files: what it reads, by names in the folder.
+        made: name of what it writes.
+        longest_s: after which it is stopped, s.
+
+    Raises:
+        OSError: the folder, the program or what it should have made is not there.
+        SubprocessError: it failed, or took too long.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in files.items():
+            write_file(Path(folder, name), content)
+        subprocess.run(command, cwd=folder, capture_output=True, timeout=longest_s, check=True)
+        with open(Path(folder, made), "rb") as file:
+            return file.read()

@@ -30,6 +30,8 @@ CERTIFICATE, DIGITAL_CERTIFICATE = "certificate.json", "digital_certificate.json
 OPTIMUM = "optimum.json"
 #: the folder of the exported C code, and the figure of the controller
 CODE_FOLDER, CONTROLLER_FIGURE = "c", "controller.svg"
+#: the folder of other export formats
+TARGETS_FOLDER = "targets"
 EVIDENCE = "evidence.json"
 #: the gains designed for a system
 SYSTEM_DESIGN = "system_design.json"

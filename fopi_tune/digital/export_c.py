@@ -163,7 +163,7 @@ def with_export_id(values: dict[str, Any]) -> dict[str, Any]:
 
 def code_files(template: str, values: dict[str, Any]) -> dict[str, str]:
     """Header and source from their templates, named by the prefix."""
-    return {f"{values['prefix']}.{ending}": _rendered(f"{template}.{ending}.jinja", values) for ending in "hc"}
+    return {f"{values['prefix']}.{ending}": rendered(f"{template}.{ending}.jinja", values) for ending in "hc"}
 
 
 def replay_files(identifier: str, stems: Sequence[str], columns: str, pair: bool = False) -> dict[str, str]:
@@ -176,7 +176,7 @@ def replay_files(identifier: str, stems: Sequence[str], columns: str, pair: bool
         pair: whether it is a system, of which the mode is compared too.
     """
     values = {"identifier": identifier, "columns": columns, "stems": sorted(stems), "pair": pair}
-    return {name: _rendered(f"{name}.jinja", values) for name in ("main.c", "Makefile")}
+    return {name: rendered(f"{name}.jinja", values) for name in ("main.c", "Makefile")}
 
 
 def identifier_of(name: str) -> str:
@@ -226,12 +226,19 @@ def _power_of_two(value: float) -> str:
     return f"2^{math.frexp(value)[1] - 1}"
 
 
-def _rendered(template: str, values: dict[str, Any]) -> str:
+def rendered(template: str, values: dict[str, Any], folder: str = "c") -> str:
+    """A template with its values.
+
+    Args:
+        template: its file's name.
+        values: by the names in it.
+        folder: of templates, below that of this module.
+    """
     # imported here: only the export of C needs templates
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("fopi_tune.digital", "c"),
+        loader=PackageLoader("fopi_tune.digital", folder),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

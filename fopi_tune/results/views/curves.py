@@ -19,10 +19,6 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.digital.implementation import designed_implementation, implementation_of, nominal_crossover, runtime_of
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.default_scenario import default_scenario
-from fopi_tune.simulation.measures import scenario_of
-from fopi_tune.simulation.sampled.simulate import simulate
-from fopi_tune.simulation.scenario import Mode
 from fopi_tune.spec.model import DesignSpec
 
 if TYPE_CHECKING:
@@ -121,6 +117,12 @@ class LoopCurves:
         Raises:
             DomainError: as for `bode`, the spec has no section `digital`, or the filter cannot be made.
         """
+        # a design and its text need no simulation
+        from fopi_tune.simulation.default_scenario import default_scenario
+        from fopi_tune.simulation.measures import scenario_of
+        from fopi_tune.simulation.sampled.simulate import simulate
+        from fopi_tune.simulation.scenario import Mode
+
         gains, spec = self._gains(), self.spec
         self.bode(np.array([1e-9]))  # refuses what has no curves
         implementation = implementation_of(spec, gains)
