@@ -13,6 +13,7 @@ from fopi_tune.cli.batch import OutputOptions, process_specs
 from fopi_tune.cli.discretize import ExportOption, discretize_file
 from fopi_tune.cli.gains import GivenGains, number_option
 from fopi_tune.cli.init import (
+    FIRST_STEPS,
     FittedOption,
     FromOption,
     FromTfOption,
@@ -28,9 +29,10 @@ from fopi_tune.cli.init import (
     TimeOption,
     ToOption,
     UnitOption,
+    schema,
     write_spec,
 )
-from fopi_tune.cli.output import bad_input, print_out, report_failure, to_json
+from fopi_tune.cli.output import bad_input, print_out, report_failure
 from fopi_tune.cli.prove import TOLERANCE, prove_file
 from fopi_tune.cli.recheck import recheck_file
 from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
@@ -57,7 +59,7 @@ app = typer.Typer(
     epilog="Exit codes: 0 all requirements met and proved, 1 not met, 2 bad input, 3 the tool failed.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    no_args_is_help=True,
+    invoke_without_command=True,
 )
 
 #: new objects after which Python looks for cycles among them
@@ -89,12 +91,14 @@ Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback when th
 
 @app.callback()
 def _fopi(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option("--version", callback=lambda wanted: _version(wanted), is_eager=True, help="Print the version."),
     ] = False,
 ) -> None:
-    pass
+    if context.invoked_subcommand is None:
+        raise typer.Exit(print_out(FIRST_STEPS))
 
 
 def _version(wanted: bool) -> None:
@@ -337,24 +341,7 @@ def simulate(
 
 
 app.command()(study)
-
-
-@app.command()
-def schema(
-    system: Annotated[bool, typer.Option("--system", help="The language of systems instead.")] = False,
-    study: Annotated[bool, typer.Option("--study", help="The language of studies instead.")] = False,
-) -> None:
-    """Print the spec language as JSON Schema."""
-    from fopi_tune.spec.language import json_schema
-    from fopi_tune.spec.systems import system_json_schema
-
-    if system and study:
-        raise bad_input("--system and --study are two languages; leave one of them out")
-    if study:
-        from fopi_tune.study.load import study_json_schema
-
-        raise typer.Exit(print_out(to_json(study_json_schema())))
-    raise typer.Exit(print_out(to_json(system_json_schema() if system else json_schema())))
+app.command()(schema)
 
 
 @app.command()

@@ -1,4 +1,7 @@
-"""`fopi init`:  a commented spec, from an example, a transfer function or recordings, and the schema for editors."""
+"""What people begin with:  the first steps, `fopi init`, and the schema for editors.
+
+A commented spec comes from an example, a transfer function or recordings.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune.cli.gains import number_option
-from fopi_tune.cli.output import bad_input, reason_of, say, to_json, write_file
+from fopi_tune.cli.output import bad_input, print_out, reason_of, say, to_json, write_file
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -20,6 +23,16 @@ if TYPE_CHECKING:
 
 #: file of the JSON Schema beside a spec, which the spec's first line names
 SCHEMA_FILE = "fopi.schema.json"
+#: what `fopi` alone prints
+FIRST_STEPS = """\
+fopi finds the gains of PI, PID and fractional-order controllers that meet a spec for every plant of a family, and
+proves that they do.  First steps:
+
+  fopi init               write design.yaml, a commented spec to start from
+  fopi tune design.yaml   find its gains, and prove its requirements
+  fopi run design.yaml    also make C code and a page to read: results/design/report.html
+
+`fopi --help` lists all commands, `fopi COMMAND --help` the options of one."""
 
 
 class Model(Enum):
@@ -267,3 +280,20 @@ def _write(path: Path, text: str) -> None:
         write_file(path, text)
     except OSError as error:
         raise bad_input(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
+
+
+def schema(
+    system: Annotated[bool, typer.Option("--system", help="The language of systems instead.")] = False,
+    study: Annotated[bool, typer.Option("--study", help="The language of studies instead.")] = False,
+) -> None:
+    """Print the spec language as JSON Schema."""
+    from fopi_tune.spec.language import json_schema
+    from fopi_tune.spec.systems import system_json_schema
+
+    if system and study:
+        raise bad_input("--system and --study are two languages; leave one of them out")
+    if study:
+        from fopi_tune.study.load import study_json_schema
+
+        raise typer.Exit(print_out(to_json(study_json_schema())))
+    raise typer.Exit(print_out(to_json(system_json_schema() if system else json_schema())))

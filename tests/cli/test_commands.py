@@ -388,7 +388,6 @@ def test_help_names_every_command_and_a_wrong_one_is_bad_input() -> None:
     shown = fopi("--help").stdout
     assert all(f"\n  {command} " in shown for command in ("tune", "run", "prove", "schema", "init"))
     assert fopi("polish").exit_code == 2
-    assert fopi().exit_code == 2
 
 
 def test_every_line_fits_80_columns_of_plain_ascii() -> None:

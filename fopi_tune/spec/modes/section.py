@@ -204,8 +204,8 @@ def _problem(spec: DesignSpec) -> str | None:
         return "a mode's spec has one plant in this version; write plant: in place of plants:"
     if isinstance(spec.plant, MeasuredFamily):
         return "a mode's plant is simulated, which a measured response cannot be; write its transfer function"
-    numerator, denominator, dead_time = spec.plant.assemble({})
-    if dead_time != 0.0:
+    numerator, denominator, _ = spec.plant.assemble({})
+    if spec.plant.dead_time.max > 0.0:
         return "a mode's plant has no dead time in this version; write it as delay_samples, in samples of this spec"
     if len(denominator) < 2:
         return "a mode's plant is of first order or higher: its output must not jump; write a lag with a short time"

@@ -135,6 +135,7 @@ def test_a_plant_of_higher_order_is_understood_as_meant(tmp_path: Path, plant: s
     [
         ("{model: transfer_function, numerator: [1, 20], denominator: [2, 5, 1]}", "", "has no zeros in this version"),
         (LAG.replace("}}", "}, dead_time_s: 0.3}"), "", "has no dead time in this version; write it as delay_samples"),
+        (LAG.replace("}}", "}, dead_time_s: {nominal: 0, min: 0, max: 0.3}}"), "", "has no dead time in this version"),
         (
             "{model: transfer_function, numerator: [20], denominator: [2, 5, 1]}",
             "standstill: {hold_below_per_s: 1}",
