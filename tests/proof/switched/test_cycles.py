@@ -21,7 +21,9 @@ def test_many_places_have_an_orbit() -> None:
     places = {(each.setpoint, each.plants[1]["time_constant_s"]) for each in cycles()}
     assert len(places) == len(cycles()) >= 20
     assert all(each.attracts for each in cycles())
-    assert all(each.highest > switched.CAR.hysteresis and each.lowest < -switched.CAR.hysteresis for each in cycles())
+    assert all(
+        each.highest > switched.CAR.lines.up.value and each.lowest < -switched.CAR.lines.up.value for each in cycles()
+    )
 
 
 @pytest.mark.thinned(7)

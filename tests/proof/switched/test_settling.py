@@ -30,7 +30,7 @@ def test_the_car_settles_on_every_setpoint_it_is_driven_at(memory: str) -> None:
     assert found is not None
     assert (found.undershoot, found.overshoot) == (proof.undershoot, proof.overshoot)
     assert 4.9 < proof.undershoot < UNDERSHOOT[memory]
-    assert proof.overshoot < switched.CAR.hysteresis
+    assert proof.overshoot < switched.CAR.lines.up.value
 
 
 @pytest.mark.thinned(slow=["tracking"])

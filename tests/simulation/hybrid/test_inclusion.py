@@ -278,6 +278,7 @@ def test_on_a_dense_grid_no_mode_is_ever_found_beyond_its_line() -> None:
         run = simulate_hybrid(car, corners, 18.0, np.linspace(0.0, 18.0, 4001), start=start)
         outwards = np.where(run.mode == 1, -run.error, run.error)
         # the rounding that counts as touching: 2^-46 of the greatest numbers
+        assert isinstance(car.eps, float)
         assert np.all(outwards < car.eps + 1e-12), seed
 
 
