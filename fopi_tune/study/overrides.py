@@ -26,6 +26,8 @@ _STEP_PATTERN = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[[0-9]{1,4}\])*)")
 PATH_PATTERN = r"[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*(?:\.[A-Za-z_][A-Za-z0-9_]*(?:\[[0-9]{1,4}\])*)*"
 #: most steps of a path; specs are less than half as deep
 _MAX_STEPS = 32
+#: words that are no text where they stand without quotes
+_TRUTHS = {"true": True, "false": False}
 _WHOLE = re.compile(r"[+-]?[0-9]+")
 _NO_MARK = Mark(1, 1)
 
@@ -108,12 +110,14 @@ def _apply_at(tree: Node, path: Path, depth: int, override: Override) -> Node:
 
 
 def plain_value(node: Node) -> Any:
-    """A node as a JSON value; scalars that the spec language reads as numbers become numbers."""
+    """A node as a JSON value; scalars that the spec language reads as numbers, true or false become these."""
     if isinstance(node, MappingNode):
         return {key: plain_value(value) for key, (_, value) in node.entries.items()}
     if isinstance(node, SequenceNode):
         return [plain_value(value) for value in node.nodes]
     assert not isinstance(node, RejectedNode)
+    if node.plain and node.text in _TRUTHS:
+        return _TRUTHS[node.text]
     if not node.plain or not is_number(node.text):
         return node.text
     return int(node.text) if _WHOLE.fullmatch(node.text) else float(node.text) + 0.0
@@ -134,6 +138,8 @@ def node_from_json(value: Any) -> Node:
         return SequenceNode(_NO_MARK, tuple(node_from_json(inner) for inner in value))
     if isinstance(value, str):
         return ScalarNode(_NO_MARK, value, plain=False)
+    if isinstance(value, bool):
+        return ScalarNode(_NO_MARK, "true" if value else "false", plain=True)
     return ScalarNode(_NO_MARK, repr(value), plain=True)
 
 
