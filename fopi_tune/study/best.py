@@ -8,7 +8,7 @@ Only cells that end well count, unless a condition is about the column `outcome`
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
@@ -18,7 +18,7 @@ from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
 from fopi_tune.spec.yaml.shapes import ListOf, Number, Shape, Text
 from fopi_tune.study.model import SUCCESS_STATUSES, BestRule, Cell, Comparison, Condition, Kind, Value
-from fopi_tune.study.words import AnyScalar, PlacedWord, WithPlace, refuse_unknown_columns
+from fopi_tune.study.words import AnyScalar, PlacedRule, PlacedWord, WithPlace
 
 #: the column of the mark
 BEST = "best"
@@ -28,23 +28,6 @@ BEST_JSON, BEST_YAML = "best.json", "best.yaml"
 _FILE_KEYS = ("file", "files", "samples_file")
 _OUTCOME = "outcome"
 _EXAMPLE = "{minimize: iae, where: [{column: stable, at_least: 200}]}"
-
-
-@dataclass(frozen=True)
-class PlacedBest:
-    """A rule, and where its columns are written."""
-
-    rule: BestRule
-    words: tuple[PlacedWord, ...]
-
-    def checked(self, file: str, columns: Collection[str]) -> BestRule:
-        """The rule, after comparing its columns with those of the table.
-
-        Raises:
-            SpecError: there is no such column.
-        """
-        refuse_unknown_columns(self.words, file, columns)
-        return self.rule
 
 
 @dataclass(frozen=True)
@@ -139,11 +122,11 @@ def _conditions(values: Values, place: Place) -> tuple[PlacedWord, tuple[Conditi
     return word, found
 
 
-def _build(sense: Sense, values: Mapping[str, Any]) -> PlacedBest:
+def _build(sense: Sense, values: Mapping[str, Any]) -> PlacedRule[BestRule]:
     word: PlacedWord = values[sense.value]
     where: list[tuple[PlacedWord, tuple[Condition, ...]]] = values.get("where") or []
     conditions = tuple(condition for _, each in where for condition in each)
-    return PlacedBest(BestRule(sense, word.word, conditions), (word, *(column for column, _ in where)))
+    return PlacedRule(BestRule(sense, word.word, conditions), (word, *(column for column, _ in where)))
 
 
 def best_files(name: str, best: Best, cell: Cell | None, document: str) -> dict[str, str | bytes]:

@@ -12,13 +12,13 @@ from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, refuse_foreign
 from fopi_tune.spec.yaml.shapes import Choice, ListOf, Number, PlainOrMapping, Text, Version
-from fopi_tune.study.best import PlacedBest, best_shape
+from fopi_tune.study.best import best_shape
 from fopi_tune.study.cells.axes import CHECK, AnyValue, Axis, AxisValues, PathMapping
 from fopi_tune.study.cells.draws import DrawValues, Sample, checked_sample, sample_shape, seed_shape
-from fopi_tune.study.model import LIMIT_CELLS, Column, Stage, Starts
+from fopi_tune.study.model import LIMIT_CELLS, BestRule, Column, ReportRule, Stage, Starts
 from fopi_tune.study.overrides import PATH_PATTERN
-from fopi_tune.study.page_words import PlacedReport, report_shape
-from fopi_tune.study.words import AllOrList, ColumnMapping, PlacedWord, WithPlace
+from fopi_tune.study.page_words import report_shape
+from fopi_tune.study.words import AllOrList, ColumnMapping, PlacedRule, PlacedWord, WithPlace
 
 _EXAMPLE = "{schema: 1, name: grid, specs: [brake.yaml], grid: {controller.alpha: [1, 0.8]}}"
 #: columns of every table
@@ -47,10 +47,10 @@ class StudyFile:
     limit_cells: int
     claims: tuple[PlacedWord, ...]
     figures: tuple[PlacedWord, ...]
-    best: PlacedBest | None = None
+    best: PlacedRule[BestRule] | None = None
     drawn: tuple[Axis, ...] = ()
     sample: Sample | None = None
-    report: PlacedReport | None = None
+    report: PlacedRule[ReportRule] | None = None
 
 
 #: the default of `stages`

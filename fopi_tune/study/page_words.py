@@ -7,35 +7,15 @@ report:
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
-
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, Record, Values
 from fopi_tune.spec.yaml.shapes import ListOf, Shape, Text
 from fopi_tune.study.model import HeatMap, ReportRule
-from fopi_tune.study.words import PlacedWord, WithPlace, refuse_unknown_columns
+from fopi_tune.study.words import PlacedRule, PlacedWord, WithPlace
 
 #: most figures of one kind, and columns of one figure
 MOST_HEAT_MAPS, MOST_COLUMNS = 12, 12
 _HEAT_MAP = "{column: iae, x: system.hysteresis, y: system.brake.gains.kp}"
-
-
-@dataclass(frozen=True)
-class PlacedReport:
-    """A rule, and where its columns are written."""
-
-    rule: ReportRule
-    words: tuple[PlacedWord, ...]
-
-    def checked(self, file: str, columns: Collection[str]) -> ReportRule:
-        """The rule, after comparing its columns with those of the table.
-
-        Raises:
-            SpecError: there is no such column.
-        """
-        refuse_unknown_columns(self.words, file, columns)
-        return self.rule
 
 
 def report_shape() -> Shape:
@@ -67,7 +47,7 @@ def _heat_map(values: Values, place: Place) -> tuple[HeatMap, tuple[PlacedWord, 
     return HeatMap(column.word, x.word, y.word), (column, x, y)
 
 
-def _report(values: Values, place: Place) -> PlacedReport:
+def _report(values: Values, place: Place) -> PlacedRule[ReportRule]:
     maps: list[tuple[HeatMap, tuple[PlacedWord, ...]]] | None = values.get("heat_maps")
     axes: list[PlacedWord] | None = values.get("parallel_coordinates")
     words = [word for _, each in maps or [] for word in each] + (axes or [])
@@ -75,4 +55,4 @@ def _report(values: Values, place: Place) -> PlacedReport:
         None if maps is None else tuple(each for each, _ in maps),
         None if axes is None else tuple(each.word for each in axes),
     )
-    return PlacedReport(rule, tuple(words))
+    return PlacedRule(rule, tuple(words))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from fopi_tune.errors import Problem, SpecError
 from fopi_tune.spec.yaml.hints import unknown_word_message
@@ -11,6 +12,8 @@ from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, SequenceNo
 from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.spec.yaml.scalars import NotANumberError, is_empty, is_number, parse_number
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Shape
+
+Rule = TypeVar("Rule")
 
 #: all entries of a registry
 ALL = "all"
@@ -60,6 +63,23 @@ def refuse_unknown_columns(words: Sequence[PlacedWord], file: str, columns: Coll
     ]
     if problems:
         raise SpecError(tuple(problems))
+
+
+@dataclass(frozen=True)
+class PlacedRule(Generic[Rule]):
+    """A rule about columns, and where these are written."""
+
+    rule: Rule
+    words: tuple[PlacedWord, ...]
+
+    def checked(self, file: str, columns: Collection[str]) -> Rule:
+        """The rule, after comparing its columns with those of the table.
+
+        Raises:
+            SpecError: there is no such column.
+        """
+        refuse_unknown_columns(self.words, file, columns)
+        return self.rule
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import jsonschema
 import numpy as np
 import pytest
 from cases.project import ROOT
+from cases.study_files import mistakes, study
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,7 +19,7 @@ from fopi_tune.core.fractional_plants.family import FractionalFamily
 from fopi_tune.errors import SpecError
 from fopi_tune.spec import load_document, load_spec, parse_spec
 from fopi_tune.study.load import TooManyCellsError, load_study, study_json_schema
-from fopi_tune.study.model import Kind, Stage, Study
+from fopi_tune.study.model import Kind, Stage
 from fopi_tune.study.overrides import (
     canonical_text,
     format_path,
@@ -48,17 +49,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "lag.yaml").write_text(LAG, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def study(text: str, force: bool = False) -> Study:
-    Path("s.yaml").write_text(f"schema: 1\nname: s\nspecs: [lag.yaml]\n{text}", encoding="utf-8")
-    return load_study("s.yaml", force)
-
-
-def mistakes(text: str) -> list[str]:
-    with pytest.raises(SpecError) as caught:
-        study(text)
-    return [str(problem) for problem in caught.value.problems]
 
 
 @pytest.mark.parametrize("path", SPECS, ids=lambda p: p.stem)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +18,12 @@ if TYPE_CHECKING:
 _MOST_LINES, _WIDTH = 10, 78
 
 
-class Shown:
-    """A result that shows itself; its class has a `to_dict` with the JSON of the result."""
+class Shown(ABC):
+    """A result that shows itself."""
 
+    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
-        raise NotImplementedError
 
     def rows(self) -> list[Row]:
         """A row for each requirement, limit or measure, as in the table of the notebook."""

@@ -12,20 +12,40 @@ Nothing else is an expression, and nothing of it is ever run as a program.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 
 from fopi_tune.spec.parametric.descent import Descent, ExpressionError, Token, exact_number
 from fopi_tune.spec.yaml.problems import quoted
 
 MAX_LENGTH = 400
 NAME_PATTERN = r"[A-Za-z][A-Za-z0-9_]{0,39}"
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)|(?P<sign>\*\*|[-+*/()]))"
-)
 _WRITE_INSTEAD = {"^": "**", "×": "*", "·": "*", "÷": "/", "−": "-", "–": "-", "²": "**2", "³": "**3"}
-_ALLOWED = "an expression has numbers, parameters, + - * / ** and parentheses"
+
+
+@dataclass(frozen=True)
+class Names:
+    """What names are in an expression.
+
+    Args:
+        pattern: of one, a regular expression.
+        one: what messages call one.
+        many: the same of several.
+    """
+
+    pattern: str
+    one: str
+    many: str
+
+    @property
+    def allowed(self) -> str:
+        """What an expression may have."""
+        return f"an expression has numbers, {self.many}, + - * / ** and parentheses"
+
+
+PARAMETERS = Names(r"[A-Za-z_][A-Za-z0-9_]*", "a parameter", "parameters")
 
 
 @dataclass(frozen=True)
@@ -75,15 +95,20 @@ class Operation:
 Expression = Number | Name | Negative | Operation
 
 
-def parse_expression(text: str) -> Expression:
+def parse_expression(text: str, names: Names = PARAMETERS, start: int = 0) -> Expression:
     """The tree of a text.
+
+    Args:
+        text: with the expression.
+        names: that it may have.
+        start: offset at which it begins; all offsets count from the text's beginning.
 
     Raises:
         ExpressionError: no expression.
     """
     if len(text) > MAX_LENGTH:
         raise ExpressionError(0, f"the expression has {len(text)} characters; write at most {MAX_LENGTH}")
-    parser = _Parser(_tokens(text))
+    parser = _Parser(_tokens(text, names, start), names)
     found = parser.sum(0)
     parser.expect_end()
     return found
@@ -95,30 +120,42 @@ def names_in(text: str) -> set[str]:
     return set(re.findall(r"(?<![A-Za-z0-9_.])[A-Za-z_][A-Za-z0-9_]*", text))
 
 
-def _tokens(text: str) -> list[Token]:
+@lru_cache
+def _token_pattern(names: Names) -> re.Pattern[str]:
+    return re.compile(
+        r"\s*(?:(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+        rf"|(?P<name>{names.pattern})|(?P<sign>\*\*|[-+*/()]))"
+    )
+
+
+def _tokens(text: str, names: Names, start: int) -> list[Token]:
     found: list[Token] = []
-    at, end = 0, len(text.rstrip())
+    at, end = start, len(text.rstrip())
     while at < end:
-        match = _TOKEN.match(text, at)
+        match = _token_pattern(names).match(text, at)
         if match is None:
             at += len(text[at:]) - len(text[at:].lstrip())
-            raise ExpressionError(at, _about_character(text[at]))
+            raise ExpressionError(at, _about_character(text[at], names))
         kind = str(match.lastgroup)
         found.append(Token(kind, match.group(kind), match.start(kind)))
         at = match.end()
     if not found:
-        raise ExpressionError(0, "the expression is empty; write a number or a parameter")
+        raise ExpressionError(0, f"the expression is empty; write a number or {names.one}")
     return [*found, Token("end", "", end)]
 
 
-def _about_character(character: str) -> str:
+def _about_character(character: str, names: Names) -> str:
     if character in _WRITE_INSTEAD:
         return f"{character!r} is no sign of an expression; write {_WRITE_INSTEAD[character]}"
-    return f"{character!r} does not belong here; {_ALLOWED}"
+    return f"{character!r} does not belong here; {names.allowed}"
 
 
 class _Parser(Descent[Expression]):
     """Builds the tree."""
+
+    def __init__(self, tokens: Sequence[Token], names: Names) -> None:
+        super().__init__(tokens)
+        self.names = names
 
     def operation(self, sign: Token, left: Expression, right: Expression) -> Expression:
         return Operation.of(sign.text, left, right, sign.at)
@@ -138,9 +175,9 @@ class _Parser(Descent[Expression]):
             return Number(exact_number(token), token.at, token.end)
         if token.kind == "name":
             if self.has("("):
-                raise ExpressionError(token.at, f"{quoted(token.text)} is no function; {_ALLOWED}")
+                raise ExpressionError(token.at, f"{quoted(token.text)} is no function; {self.names.allowed}")
             return Name(token.text, token.at, token.end)
         if token.text == "(":
             return self.parenthesis(token, depth)
         self.place -= 1
-        return self.refuse("a number or a parameter is missing")
+        return self.refuse(f"a number or {self.names.one} is missing")

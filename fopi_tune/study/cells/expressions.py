@@ -10,26 +10,29 @@ one that begins with `check.` one of the spec of the check.  Decimals are exact;
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 
-from fopi_tune.spec.parametric.descent import Descent, ExpressionError, Token, exact_number
-from fopi_tune.spec.parametric.expressions import MAX_LENGTH, Expression, Name, Negative, Number, Operation
+from fopi_tune.spec.parametric.descent import ExpressionError, Token, exact_number
+from fopi_tune.spec.parametric.expressions import (
+    Expression,
+    Name,
+    Names,
+    Negative,
+    Number,
+    Operation,
+    parse_expression,
+)
 from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode, kind_of
-from fopi_tune.spec.yaml.problems import Mark, quoted
+from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST, is_number
 from fopi_tune.study.cells.axes import CHECK, EXPRESSION_SIGN
 from fopi_tune.study.overrides import PATH_PATTERN, Override, Path, format_path, parse_path
 
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    rf"|(?P<name>{PATH_PATTERN})|(?P<sign>\*\*|[-+*/()]))"
-)
-_ALLOWED = "an expression has numbers, paths such as plant.time_constant_s.max, + - * / ** and parentheses"
+_PATHS = Names(PATH_PATTERN, "a path", "paths such as plant.time_constant_s.max")
 #: of a number that is written in place of a range
 _OF_A_RANGE = ("min", "nominal", "max")
 #: bits of a power that is computed exactly
@@ -251,49 +254,7 @@ def _refuse_size(value: Fraction) -> None:
 @lru_cache(256)
 def _parsed(text: str) -> Expression:
     """The tree of an expression behind its sign; offsets count from the sign."""
-    if len(text) > MAX_LENGTH:
-        raise ExpressionError(0, f"the expression has {len(text)} characters; write at most {MAX_LENGTH}")
-    parser = _Parser(_tokens(text))
-    found = parser.sum(0)
-    parser.expect_end()
-    return found
-
-
-def _tokens(text: str) -> list[Token]:
-    found: list[Token] = []
-    at, end = len(EXPRESSION_SIGN), len(text.rstrip())
-    while at < end:
-        match = _TOKEN.match(text, at)
-        if match is None:
-            at += len(text[at:]) - len(text[at:].lstrip())
-            instead = "; write **" if text[at] == "^" else f"; {_ALLOWED}"
-            raise ExpressionError(at, f"{quoted(text[at])} does not belong here{instead}")
-        kind = str(match.lastgroup)
-        found.append(Token(kind, match.group(kind), match.start(kind)))
-        at = match.end()
-    if not found:
-        raise ExpressionError(0, f"nothing follows {EXPRESSION_SIGN}; {_ALLOWED}")
-    return [*found, Token("end", "", end)]
-
-
-class _Parser(Descent[Expression]):
-    """Builds the tree."""
-
-    def operation(self, sign: Token, left: Expression, right: Expression) -> Expression:
-        return Operation.of(sign.text, left, right, sign.at)
-
-    def negative(self, sign: Token, part: Expression) -> Expression:
-        return Negative(part, sign.at, part.end)
-
-    def atom(self, depth: int) -> Expression:
-        token = self.take()
-        if token.kind == "number":
-            return Number(exact_number(token), token.at, token.end)
-        if token.kind == "name":
-            if self.has("("):
-                raise ExpressionError(token.at, f"{quoted(token.text)} is no function; {_ALLOWED}")
-            return Name(token.text, token.at, token.end)
-        if token.text == "(":
-            return self.parenthesis(token, depth)
-        self.place -= 1
-        return self.refuse("a number or a path is missing")
+    start = len(EXPRESSION_SIGN)
+    if not text[start:].strip():
+        raise ExpressionError(0, f"nothing follows {EXPRESSION_SIGN}; {_PATHS.allowed}")
+    return parse_expression(text, _PATHS, start)

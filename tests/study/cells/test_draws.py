@@ -7,12 +7,12 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from cases.study_files import study
 from scipy import stats
 
 from fopi_tune.errors import SpecError
 from fopi_tune.montecarlo.sampling import SamplingDesign, unit_cube_points
-from fopi_tune.study.load import TooManyCellsError, load_study, study_json_schema
-from fopi_tune.study.model import Study
+from fopi_tune.study.load import TooManyCellsError, study_json_schema
 
 LAG = """\
 schema: 1
@@ -34,11 +34,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "lag.yaml").write_text(LAG, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def study(text: str, force: bool = False) -> Study:
-    Path("s.yaml").write_text(f"schema: 1\nname: s\nspecs: [lag.yaml]\n{text}", encoding="utf-8")
-    return load_study("s.yaml", force)
 
 
 def keys(text: str) -> list[str]:

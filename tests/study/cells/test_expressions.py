@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cases.study_files import mistakes, study
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fopi_tune.errors import SpecError
 from fopi_tune.spec.yaml.nodes import ScalarNode
 from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.study.cells.expressions import with_values
-from fopi_tune.study.load import load_study
-from fopi_tune.study.model import Study
 from fopi_tune.study.overrides import Override, apply_override, node_from_json, plain_value, spec_from_text
 
 LAG = """\
@@ -33,17 +31,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "lag.yaml").write_text(LAG, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def study(text: str) -> Study:
-    Path("s.yaml").write_text(f"schema: 1\nname: s\nspecs: [lag.yaml]\n{text}", encoding="utf-8")
-    return load_study("s.yaml")
-
-
-def mistakes(text: str) -> list[str]:
-    with pytest.raises(SpecError) as caught:
-        study(text)
-    return [str(problem) for problem in caught.value.problems]
 
 
 def value_of(expression: str, **numbers: float) -> Any:
@@ -148,7 +135,7 @@ def test_a_check_is_computed_from_the_design_and_from_itself(folder: Path) -> No
         ("1 / (plant.dead_time_s - 0.2)", 33, "this divides by 0"),
         ("0 ** -1", 33, "this divides by 0"),
         ("2 * plant.static_gain", 35, "the values need each other in a circle: plant.static_gain needs plant"),
-        ("2 ^ 3", 33, "'^' does not belong here; write **"),
+        ("2 ^ 3", 33, "'^' is no sign of an expression; write **"),
         ("max(1)", 31, "'max' is no function; an expression has numbers, paths such as plant.time_constant_s.max"),
         ("__import__(1)", 31, "'__import__' is no function"),
         ("", 29, "nothing follows =; an expression has numbers"),
