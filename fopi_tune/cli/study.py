@@ -216,6 +216,8 @@ def _print_failures(result: StudyResult, options: _StudyOptions) -> None:
         say(f"cell {index + 1} ({label}) failed: {reason}")
     if len(result.failures) > _MOST_FAILURES:
         say(f"{len(result.failures) - _MOST_FAILURES} more cells failed; the table has their reasons")
+    if len(result.failures) == result.counts.total:
+        return  # columns are empty for that reason
     for name in result.table.empty:
         options.note(f"column {name} is empty in every row; is its path right?")
 

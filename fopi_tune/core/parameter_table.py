@@ -82,13 +82,14 @@ class SamplesFile:
     table: ParameterTable = field(compare=False, repr=False)
 
 
-def parse_table(text: str, known: Sequence[str]) -> ParameterTable:
+def parse_table(text: str, known: Sequence[str], above: int = 0) -> ParameterTable:
     """A table from the text of a CSV file: a line of parameter names, then a line of numbers per plant.
 
     Args:
         text: the file's contents; nothing of it is quoted unless its first line has one of the known names, so that
             another file's contents are not shown.
         known: names of columns; at least one must be there.
+        above: lines of the file above the text, by which the places in messages are told.
 
     Raises:
         DomainError: empty, not CSV, without any known column, a line with too few or too many fields, or a field that
@@ -100,9 +101,9 @@ def parse_table(text: str, known: Sequence[str]) -> ParameterTable:
         if any(names) and not set(names) & set(known):
             raise DomainError(_missing_column(known[0], known))
         # array of doubles: one Python object a number would be too large for long files
-        values = array("d", (value for line in reader for value in _numbers(line, names, reader.line_num)))
+        values = array("d", (value for line in reader for value in _numbers(line, names, above + reader.line_num)))
     except csv.Error as error:
-        raise DomainError(f"line {reader.line_num} is not CSV: {error}") from error
+        raise DomainError(f"line {above + reader.line_num} is not CSV: {error}") from error
     if not values:
         raise DomainError("the table is empty; it needs a line of parameter names and at least one line of numbers")
     return ParameterTable(names, np.array(values).reshape(-1, len(names)))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -39,6 +40,9 @@ MAX_SAMPLES_BYTES, MAX_ROWS = 16 * 1024 * 1024, 1_000_000
 MAX_LATIN_HYPERCUBE = 2**26
 #: what says how plants are drawn, and has no meaning for those of a file
 _DRAWN = ("distributions", "correlations", "design")
+#: how a line of comment begins, above a table's header
+_COMMENTS = ("#", "%", "//")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?[0-9]*,[0-9]+(?:[eE][+-]?[0-9]+)?\s*")
 _SAMPLING_DESIGNS = ("random", "latin_hypercube", "sobol")
 
 #: path as written in a spec -> the file's bytes; of a file that is too large, one byte more than is allowed
@@ -139,29 +143,40 @@ def _from_samples_file(
     return ValidationSpec(samples=values.get("samples", rows), samples_file=listed, **plain)
 
 
-def _own_columns(text: str, family: PlantFamily) -> str:
-    """The file's columns that are numbers of the plant, separated by commas.
+def _own_columns(text: str, family: PlantFamily) -> tuple[str, int]:
+    """The file's columns that are numbers of the plant, separated by commas, and how many lines stand above the header.
 
-    Columns may also be separated by semicolons or tabs; numbers may then have decimal commas.  Other columns are left
-    out; a file without any of the plant's is returned as it is, to be refused.
+    Above it there may be lines of comment.  Columns may also be separated by semicolons or tabs; numbers may then have
+    decimal commas.  Other columns are left out; a file without any of the plant's is returned as it is, to be refused.
     """
+    text, above = text.removeprefix("\ufeff"), 0
+    while text.startswith(_COMMENTS):
+        text, above = text.partition("\n")[2], above + 1
     header = text.partition("\n")[0]
     separator = next((mark for mark in ("\t", ";") if mark in header), ",")
-    if separator != ",":
-        text = text.replace(",", ".").replace(separator, ",")
-    reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""))
-    names = [name.strip() for name in next(reader, [])]
-    kept = [i for i, name in enumerate(names) if name in family.parameters]
-    if not kept or len(kept) == len(names):
-        return text
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     found = io.StringIO()
     writer = csv.writer(found, lineterminator="\n")
-    writer.writerow(names[i] for i in kept)
-    for row in reader:
-        if len(row) != len(names):
-            raise DomainError(f"line {reader.line_num} has {len(row)} fields; its header has {len(names)}")
-        writer.writerow(row[i] for i in kept)
-    return found.getvalue()
+    try:
+        names = [name.strip() for name in next(reader, [])]
+        kept = [i for i, name in enumerate(names) if name in family.parameters] or list(range(len(names)))
+        if separator == "," and len(kept) == len(names):
+            return text, above
+        writer.writerow(names[i] for i in kept)
+        for row in reader:
+            if len(row) != len(names):
+                where = f"line {above + reader.line_num}"
+                raise DomainError(f"{where} has {len(row)} fields; its header has {len(names)}")
+            fields = (row[i] for i in kept)
+            writer.writerow(fields if separator == "," else map(_with_point, fields))
+    except csv.Error as error:
+        raise DomainError(f"line {above + reader.line_num} is not CSV: {error}") from None
+    return found.getvalue(), above
+
+
+def _with_point(field: str) -> str:
+    """A number with a decimal point in place of its comma; other text as it is."""
+    return field.replace(",", ".") if _DECIMAL_COMMA.fullmatch(field) else field
 
 
 def _read_table(data: bytes, family: PlantFamily) -> ParameterTable:
@@ -176,10 +191,11 @@ def _read_table(data: bytes, family: PlantFamily) -> ParameterTable:
         raise DomainError(f"line {line} has a byte that is not UTF-8; save the file as CSV in UTF-8") from None
     if not family.uncertain_names:
         raise DomainError("the plant has no uncertain number that a file could list; remove samples_file")
-    table = parse_table(_own_columns(text, family), family.uncertain_names)
+    columns, above = _own_columns(text, family)
+    table = parse_table(columns, family.uncertain_names, above)
     points = table.rows[:, table.columns(family)]
     refused = impossible(points, family)
     if refused.any():
         row = int(refused.argmax())
-        raise DomainError(f"line {row + 2} is no plant: {why_impossible(points[row], family)}")
+        raise DomainError(f"line {above + row + 2} is no plant: {why_impossible(points[row], family)}")
     return table

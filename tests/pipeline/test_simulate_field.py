@@ -602,3 +602,16 @@ def test_evidence_of_nearly_all_is_not_printed_as_all() -> None:
     row = next(line for line in said.splitlines() if "overshoot" in line)
     assert "100" not in row
     assert "99.9997" in row
+
+
+def test_the_text_has_the_units_that_the_spec_names() -> None:
+    text = spec_text("two_setpoints")
+    plain = simulation_text(ft.simulate(parse_spec(text), UNIT)).plain
+    assert "output unit per s" in plain
+    named = text.replace("digital: {", 'digital: {measurement_unit: mbar, output_unit: "%", ')
+    assert named != text
+    said = simulation_text(ft.simulate(parse_spec(named), UNIT)).plain
+    assert "mbar per s" in said
+    assert "mbar squared times s" in said
+    assert "output unit" not in said
+    assert "control unit" not in said

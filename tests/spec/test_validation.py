@@ -503,6 +503,28 @@ def test_columns_of_a_file_go_by_name() -> None:
     assert drawn(spec).tolist() == [[1.0, 2.0], [0.9, 3.0]]
 
 
+LOG = '# test stand\r\n% 3 May\r\n"Zeit";"time_constant_s";"note"\r\n"0,5";"2,25";"a; b, c"\r\n'
+
+
+def test_a_log_has_comments_further_columns_semicolons_and_decimal_commas() -> None:
+    spec = brake("{samples_file: f.csv}", files={"f.csv": (LOG + "1;1,7e0;x\r\n").encode()})
+    assert drawn(spec)[:, 0].tolist() == [2.25, 1.7]
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("1;1.000,5;x", "line 5, column 'time_constant_s': '1.000,5' is not a finite number"),
+        ("1;2", "line 5 has 2 fields; its header has 3"),
+        ("1;-2;x", "line 5 is no plant"),
+        (f"1;2;{'x' * 200_000}", "line 5 is not CSV: field larger than field limit"),
+    ],
+)
+def test_a_wrong_row_of_a_log_is_told_by_its_line_and_in_its_own_words(row: str, words: str) -> None:
+    (found,) = complaints("{samples_file: f.csv}", files={"f.csv": (LOG + row + "\r\n").encode()})
+    assert words in found
+
+
 @pytest.mark.parametrize(
     ("validation", "content", "words"),
     [

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.report.text.formatting import BAD, QUIET, Line, entry, gains_lines, number, style_of, to_text, wrapped
-from fopi_tune.spec.model import MEASURES, Relation
+from fopi_tune.spec.model import MEASURES, DesignSpec, Relation, SystemSpec
 
 if TYPE_CHECKING:
     from fopi_tune.results.simulation import ScenarioResult, Simulated
@@ -40,7 +40,7 @@ def simulation_text(result: Simulated | SimulatedSystem) -> Text:
     for note in result.notes:
         lines += entry("note", note)
     for driven in result.driven:
-        lines += _scenario_lines(driven)
+        lines += _scenario_lines(driven, _units_of(result.spec))
     if result.exact:
         lines += [("", ""), *wrapped(_exactness_note(result), QUIET)]
     lines += [("", ""), *wrapped("Each step is judged up to the next one, or the scenario's end.", QUIET)]
@@ -65,7 +65,15 @@ def _headline(result: Simulated | SimulatedSystem) -> str:
     )
 
 
-def _scenario_lines(driven: ScenarioResult) -> Iterator[Line]:
+def _units_of(spec: DesignSpec | SystemSpec) -> Mapping[str, str]:
+    """What the units of measures are called where the spec names them, and all modes alike."""
+    specs = [mode.spec for mode in spec.modes] if isinstance(spec, SystemSpec) else [spec]
+    named = [(each.digital.measurement_unit, each.digital.output_unit) for each in specs if each.digital is not None]
+    found = zip(("output unit", "control unit"), zip(*named, strict=True), strict=False)
+    return {word: units[0] for word, units in found if units[0].strip() and len(set(units)) == 1}
+
+
+def _scenario_lines(driven: ScenarioResult, units: Mapping[str, str]) -> Iterator[Line]:
     """One scenario: its measures, which steps count in them, and its notes."""
     yield "", ""
     yield f"{driven.scenario.name}, {number(driven.scenario.duration_s)} s", "bold"
@@ -79,6 +87,8 @@ def _scenario_lines(driven: ScenarioResult) -> Iterator[Line]:
         never = name in _TIMES and math.isinf(value)
         shown = number(value) if math.isfinite(value) else "never" if never else "unknown"
         unit = "" if kind.unit == "1" or not math.isfinite(value) else kind.unit
+        for word, called in units.items():
+            unit = unit.replace(word, called)
         verdicts = "".join(_verdict(limit, kept) for limit, kept in driven.limits if limit.measure == name)
         yield f"  {name:<{_NAME}}{shown:>{_VALUE}} {unit}{verdicts}", "red" if "VIOLATED" in verdicts else ""
     words = [f"{_WORDS[name]} of {step.phrase()}" for name, step in driven.worst_steps.items()]
