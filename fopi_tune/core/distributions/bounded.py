@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.distributions.distribution import Distribution, Words, check_finite, check_positive
+from fopi_tune.core.distributions.distribution import Distribution, MeanAndStd, Words, check_finite, check_positive
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
 
@@ -85,15 +85,8 @@ class Triangular(Distribution):
 
 
 @dataclass(frozen=True)
-class TruncatedNormal(Distribution):
+class TruncatedNormal(MeanAndStd):
     """A normal distribution of this mean and standard deviation, truncated to [min, max]."""
-
-    mean: float
-    std: float
-
-    def __post_init__(self) -> None:
-        check_finite(self, self.mean, self.std)
-        check_positive(self, "std", self.std)
 
     def values(self, u: Array, number: Uncertain) -> Array:
         """x = mean + std Phi^-1(Phi(a) + u (Phi(b) - Phi(a))), a and b the ends in standard deviations.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import Uncertain
@@ -50,6 +51,23 @@ class Distribution(ABC):
         if all(map(math.isfinite, self.reach(number))):
             return None
         return "has values that are too large for a floating-point number; write smaller numbers"
+
+
+@dataclass(frozen=True)
+class MeanAndStd(Distribution):
+    """A distribution that two numbers fix, both in the unit of the uncertain number.
+
+    Args:
+        mean: of what the distribution says.
+        std: standard deviation, > 0.
+    """
+
+    mean: float
+    std: float
+
+    def __post_init__(self) -> None:
+        check_finite(self, self.mean, self.std)
+        check_positive(self, "std", self.std)
 
 
 def check_finite(distribution: Distribution, *numbers: float) -> None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.distributions.distribution import Distribution, Words, check_finite, check_positive
+from fopi_tune.core.distributions.distribution import Distribution, MeanAndStd, Words, check_finite, check_positive
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.errors import DomainError
 
@@ -26,7 +26,7 @@ FARTHEST = 9.0
 
 
 @dataclass(frozen=True)
-class Normal(Distribution):
+class Normal(MeanAndStd):
     """Normal; its values may lie outside the range.
 
     Args:
@@ -35,13 +35,10 @@ class Normal(Distribution):
         clip: (least, greatest) value; values beyond are moved to these ends.  None clips nothing.
     """
 
-    mean: float
-    std: float
     clip: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        check_finite(self, self.mean, self.std)
-        check_positive(self, "std", self.std)
+        super().__post_init__()
         if self.clip is not None and not self.clip[0] < self.clip[1]:
             raise DomainError(f"{self} has an empty clip; give (least, greatest)")
 
@@ -67,7 +64,7 @@ class Normal(Distribution):
 
 
 @dataclass(frozen=True)
-class LogNormal(Distribution):
+class LogNormal(MeanAndStd):
     """Lognormal: positive, its logarithm is normal; its values may lie outside the range.
 
     Args:
@@ -75,13 +72,10 @@ class LogNormal(Distribution):
         std: standard deviation of the number itself, > 0.
     """
 
-    mean: float
-    std: float
-
     def __post_init__(self) -> None:
-        check_finite(self, self.mean, self.std, self.std / self.mean if self.mean else math.inf)
+        super().__post_init__()
         check_positive(self, "mean", self.mean)
-        check_positive(self, "std", self.std)
+        check_finite(self, self.std / self.mean)
 
     @property
     def _of_logarithm(self) -> tuple[float, float]:
@@ -115,15 +109,8 @@ class LogNormal(Distribution):
 
 
 @dataclass(frozen=True)
-class NormalNoise(Distribution):
+class NormalNoise(MeanAndStd):
     """The nominal value plus normal noise of this mean and standard deviation; it may leave the range."""
-
-    mean: float
-    std: float
-
-    def __post_init__(self) -> None:
-        check_finite(self, self.mean, self.std)
-        check_positive(self, "std", self.std)
 
     def values(self, u: Array, number: Uncertain) -> Array:
         """nominal + (mean + std Phi^-1(u))."""
