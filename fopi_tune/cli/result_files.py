@@ -48,7 +48,10 @@ SPEC = "spec.yaml"
 #: the report of a run, and the folder of its figures
 REPORT, FIGURES_FOLDER = "report.html", "figures"
 #: names of a report's figures; a report may have fewer
-REPORT_FIGURES = ("bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants")
+REPORT_FIGURES = (
+    "bode", "nyquist", "sensitivities", "responses", "margins", "digital", "plants",
+    *(f"scenario_{k}" for k in range(1, 7)),
+)  # fmt: skip
 #: the page that compares designs, and its folder
 COMPARISON_PAGE, COMPARISON_FOLDER = "compare.html", "compare"
 #: prefix of the files of a sweep: .json, .csv and .svg

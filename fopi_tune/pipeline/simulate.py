@@ -15,6 +15,7 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import Plant
 from fopi_tune.errors import DomainError
+from fopi_tune.pipeline.responses import default_of
 from fopi_tune.pipeline.scenario_results import (
     continuous_result,
     plant_point,
@@ -91,7 +92,7 @@ def simulate(
     else:
         from fopi_tune.simulation.default_scenario import described
 
-        scenarios = (_default(driven, implementation),)
+        scenarios = (default_of(driven, implementation),)
         notes.append(described(scenarios[0]))
     results = (_continuous_results if exact else _sampled_results)(
         driven, gains, implementation, scenarios, point, replay or 0, accuracy
@@ -155,15 +156,6 @@ def refuse_simulation(
         else:
             refuse_start(each, Plants.members(spec.plant, point[None, :]), spec.digital.sample_time_s)
     return point
-
-
-def _default(spec: DesignSpec, implementation: Implementation) -> ScenarioSpec:
-    """The default scenario, of the nominal plant so that all plants are driven alike."""
-    from fopi_tune.digital.implementation import runtime_of
-    from fopi_tune.simulation.default_scenario import default_scenario
-
-    nominal, controller = spec.plant.member(spec.plant.nominal_point), runtime_of(implementation.sections, spec)
-    return default_scenario(nominal, controller, implementation.sample_time_s, implementation.delay_samples)
 
 
 def _sample_time(spec: DesignSpec, gains: FoPi) -> float:

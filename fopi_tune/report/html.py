@@ -6,6 +6,7 @@ This module decides what the report contains; `page.py` renders it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
@@ -24,12 +25,15 @@ from fopi_tune.report.figures.measured import (
 from fopi_tune.report.figures.members import Members, members_of
 from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.plots import digital_picture
+from fopi_tune.report.figures.scenarios import DrivenLoops, driven_loops
 from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, slider_of
 from fopi_tune.report.figures.step_responses import step_responses
+from fopi_tune.report.head import files_of_page, head_of
 from fopi_tune.report.measure_entries import ENTRIES, measures_met
 from fopi_tune.report.measure_rows import measure_rows
 from fopi_tune.report.page import figure_files, render_figures, render_template
-from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
+from fopi_tune.report.requirement_rows import RequirementRow, place_phrase, requirement_rows
+from fopi_tune.report.response_rows import measure_ranges
 from fopi_tune.report.text.formatting import (
     exact_limit,
     filter_formula,
@@ -39,6 +43,7 @@ from fopi_tune.report.text.formatting import (
     sentence,
 )
 from fopi_tune.report.text.measures import limit_phrase, limit_scope_phrase
+from fopi_tune.report.words import in_words
 from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.scenarios import every_requirement
 
@@ -61,9 +66,11 @@ def report_files(documents: ResultDocuments) -> dict[str, str | bytes]:
     of_loop += [] if measured is None else list(render_figures(_MEASURED_FIGURES, measured))
     of_filter = list(render_figures({"digital": digital_picture}, documents))
     of_plants = [] if evidence is None else list(render_figures({"plants": _histograms}, documents))
-    values = {**_text_values(documents), **_slider_values(members)}
-    values |= {"figures": of_loop, "digital_figures": of_filter, "evidence_figures": of_plants}
-    figures = figure_files([*of_loop, *of_filter, *of_plants])
+    driven = driven_loops(documents, members)
+    of_time = list(render_figures(driven.pictures, driven))
+    values = {**_text_values(documents), **_slider_values(members), **_driven_values(driven)}
+    values |= {"figures": of_loop, "digital_figures": of_filter, "evidence_figures": of_plants, "time_figures": of_time}
+    figures = figure_files([*of_loop, *of_time, *of_filter, *of_plants])
     return {**figures, REPORT: render_template("report.html.jinja", values)}
 
 
@@ -85,6 +92,17 @@ _MEASURED_FIGURES: Mapping[str, Callable[[MeasuredMembers], Picture | None]] = {
 
 def _histograms(documents: ResultDocuments) -> Picture | None:
     return None if documents.evidence is None else histograms(documents.evidence, documents.spec.name)
+
+
+def _driven_values(driven: DrivenLoops) -> dict[str, Any]:
+    """Template values of the loop as it runs."""
+    counts = sorted({len(response.points) for response in driven.responses})
+    return {
+        "why_not_driven": driven.why_none,
+        "driven_plants": " to ".join(map(str, counts[:: max(1, len(counts) - 1)])),
+        "own_scenarios": bool(driven.documents.spec.scenarios),
+        "ranges": measure_ranges(driven.documents.spec, driven.responses),
+    }
 
 
 def _slider_values(members: Members | None) -> dict[str, Any]:
@@ -110,7 +128,7 @@ def _slider_values(members: Members | None) -> dict[str, Any]:
 def _text_values(documents: ResultDocuments) -> dict[str, Any]:
     """Template values that are text."""
     spec, design, digital, evidence = documents.spec, documents.design, documents.digital, documents.evidence
-    rows = requirement_rows(documents.requirements, design["objective"]) + measure_rows(spec, design)
+    rows = _worded(requirement_rows(documents.requirements, design["objective"]) + measure_rows(spec, design))
     status = str(design["status"])
     verdict = design["proof"]["verdict"]
     return {
@@ -130,12 +148,16 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
         "digital_status": "" if digital is None else _digital_words(documents, digital),
         "score_note": _score_note(documents.requirements),
         "digital_score_note": _score_note(documents.digital_requirements),
-        "digital_rows": requirement_rows(documents.digital_requirements) + measure_rows(spec, digital),
+        "digital_rows": _worded(requirement_rows(documents.digital_requirements) + measure_rows(spec, digital)),
         "sampling": "" if evidence is None else sampling_phrase(evidence),
         "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
-        "evidence": () if evidence is None else evidence_rows(evidence),
+        "evidence": ()
+        if evidence is None
+        else [replace(row, what=in_words(row.what), worst=in_words(row.worst)) for row in evidence_rows(evidence)],
+        "head": list(head_of(documents)),
+        "links": files_of_page(documents, design["proof"].get("certificate_digest") is not None),
         "priced": any(row.cost for row in rows),
-        "objective_name": design["objective_quantity"],
+        "objective_name": in_words(design["objective_quantity"]),
         "proof": list(_proof(design["proof"])),
         "stamp": list(_stamp(design)),
     }
@@ -153,6 +175,13 @@ def _gains_words(gains: FoPi, status: str) -> str:
         return f"C(s) = {formula} with {values}{no_solution}"
     said = f"C(s) = F(s) ({formula}) with {values}"
     return f"{said} and {filter_formula(gains.measurement_filter)} on the measurement{no_solution}"
+
+
+def _worded(rows: Sequence[RequirementRow]) -> tuple[RequirementRow, ...]:
+    """Rows with words and signs in place of the language's identifiers."""
+    return tuple(
+        replace(row, what=in_words(row.what), scope=in_words(row.scope), worst=in_words(row.worst)) for row in rows
+    )
 
 
 def _score_note(requirements: Sequence[ReportedRequirement]) -> str:
@@ -183,7 +212,7 @@ def _clash(documents: ResultDocuments) -> list[str]:
     words = []
     for give in documents.design["clash"]:
         requirement = every_requirement(documents.spec)[give["requirement"]]
-        said = f"{limit_phrase(requirement)} ({limit_scope_phrase(requirement)})"
+        said = f"{in_words(limit_phrase(requirement))} ({limit_scope_phrase(requirement)})"
         if give["give"] is not None and give["new_limit"] is not None:
             said += f": alone it would have to give {number(give['give'])}, to {exact_limit(give['new_limit'])}"
         words.append(said)
@@ -193,10 +222,13 @@ def _clash(documents: ResultDocuments) -> list[str]:
 def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     stability, nominal = design["stability"], design["nominal"]
     value = "undefined" if design["objective"] is None else number(design["objective"])
-    yield "objective", f"{design['objective_quantity']}: {value}"
+    yield "objective", f"{in_words(design['objective_quantity'])}: {value}"
     if stability is not None:
         stable = "undecided" if stability.get("undecided") else "stable" if stability["stable"] else "NOT STABLE"
-        yield "stability", f"{stable}: {stability['reason']}; closest to -1 {place_phrase(stability['worst'])}"
+        yield (
+            "stability",
+            f"{stable}: {stability['reason']}; closest to −1 {in_words(place_phrase(stability['worst']))}",
+        )
     if nominal is not None:
         yield "nominal plant", margins_phrase(nominal)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from fopi_tune.errors import DomainError
-from fopi_tune.report.figures.picture import Picture, svg_and_png_of
+from fopi_tune.report.figures.picture import Picture, every_form_of
 
 #: type of what figures are drawn from
 Source = TypeVar("Source")
@@ -27,17 +27,21 @@ class RenderedFigure:
 
     Args:
         name: of its files, without ending.
+        title: one line.
         caption: its description.
         svg: to be embedded in HTML.
         svg_file: the content of an SVG file.
         png: the content of a PNG file.
+        live: the JSON of the same for the pointer.
     """
 
     name: str
+    title: str
     caption: str
     svg: str
     svg_file: str
     png: bytes
+    live: str
 
 
 def render_figures(
@@ -50,8 +54,8 @@ def render_figures(
         except DomainError:
             picture = None  # too many crossings to list: the figure is left out
         if picture is not None:
-            svg, png = svg_and_png_of(picture)
-            yield RenderedFigure(name, picture.description, _inline(svg, name), svg, png)
+            svg, png, live = every_form_of(picture)
+            yield RenderedFigure(name, picture.title, picture.description, _inline(svg, name), svg, png, live)
 
 
 def _inline(svg: str, name: str) -> str:
@@ -88,12 +92,36 @@ def render_template(template: str, values: Mapping[str, Any]) -> str:
         keep_trailing_newline=True,
         autoescape=True,
     )
-    script, style = (loader.get_source(environment, name)[0] for name in ("slider.js", "report.css"))
+    slider, live, style = (loader.get_source(environment, name)[0] for name in ("slider.js", "live.js", "report.css"))
     figures = {
-        key: [{"svg": Markup(each.svg), "caption": each.caption} for each in value]
+        key: [_for_template(each) for each in value]
         for key, value in values.items()
         if isinstance(value, list) and value and isinstance(value[0], RenderedFigure)
     }
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    own = {"script": Markup(script), "script_hash": f"sha256-{digest}", "style": Markup(style)}
+    library = plot_library() if figures else ""
+    scripts = {"slider_script": slider, "live_script": live if figures else "", "plot_library": library}
+    hashes = " ".join(f"'{_digest(script)}'" for script in scripts.values() if script)
+    own = {name: Markup(script) for name, script in scripts.items()}
+    own |= {"script_hashes": Markup(hashes), "style": Markup(style)}
     return environment.get_template(template).render({**values, **figures, **own})
+
+
+def _for_template(figure: RenderedFigure) -> dict[str, str]:
+    from markupsafe import Markup
+
+    # no element ends inside a script's text
+    live = Markup(figure.live.replace("<", "\\u003c"))
+    return {
+        "name": figure.name, "title": figure.title, "caption": figure.caption, "svg": Markup(figure.svg), "live": live,
+    }  # fmt: skip
+
+
+def plot_library() -> str:
+    """The script of Bokeh, as its package brings it, that shows figures with zoom and values under the pointer."""
+    from bokeh.resources import Resources
+
+    return "\n".join(Resources(mode="inline", components=["bokeh"], minified=True).js_raw)
+
+
+def _digest(script: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"

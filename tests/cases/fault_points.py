@@ -143,7 +143,7 @@ def _keep_what_is_computed() -> None:
 
         setattr(module, name, kept_or_computed)
 
-    fopi_tune.report.page.svg_and_png_of = drawn_alone
+    fopi_tune.report.page.every_form_of = drawn_alone
     keep(fopi_tune.pipeline.run, "run", lambda spec, proof: (spec.sha256, proof))
     keep(fopi_tune.pipeline.validate, "validate", lambda spec, gains, **named: (spec.sha256, gains, named["samples"]))
     keep(

@@ -29,6 +29,7 @@ from fopi_tune.report.figures.forbidden_regions import (
 from fopi_tune.report.figures.members import Members
 from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, WIDE, Picture, label_axes, legend_below, log_axes
 from fopi_tune.report.text.formatting import number
+from fopi_tune.report.words import name_and_unit
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def bode(members: Members) -> Picture:
                 axes.plot([omega], [height], "o", color=STYLES[row][0], markersize=5, zorder=4)
             phase.plot([omega] * 2, [arg, float(critical_phases(arg))], color=STYLES[row][0], linewidth=0.8)
         label_axes(gain, "|L|, dB")
-        label_axes(phase, "arg L, deg", "omega, rad/s")
+        label_axes(phase, "arg L, deg", "ω, rad/s")
         legend_below(figure, gain)
 
     at = "no plant has a gain crossover" if crossings is None else _range_phrase("gain crossovers", crossings, "rad/s")
@@ -144,10 +145,10 @@ def sensitivities(members: Members) -> Picture:
             _plot_family(axes, members, family[word], named[word])
             fit_with_limits(axes, [family[word], named[word]], requirements, word)
             label_axes(axes, f"|{_WORDS[word]}|, dB")
-        every[-1].set_xlabel("omega, rad/s")
+        every[-1].set_xlabel("ω, rad/s")
         legend_below(figure, every[0])
 
-    peaks = ", ".join(f"{_WORDS[word]} {number(float(family[word].max()), 4)} dB" for word in words)
+    peaks = ", ".join(f"{_WORDS[word]} {family[word].max() + 0.0:.2f} dB" for word in words)
     title = f"{members.documents.spec.name}: sensitivities"
     others = ", control sensitivity C S and load sensitivity P S" if _LOAD in words else " and control sensitivity C S"
     said = (
@@ -181,12 +182,13 @@ def margins_along(members: Members) -> Picture | None:
             forbid_along(axes, requirements, word, nominal)
             axes.axvline(nominal, color="black", linewidth=0.6, linestyle=":")
             label_axes(axes, word.replace("_deg", ", deg").replace("_db", ", dB").replace("_", " "))
-            axes.set_xlabel(names[0] if word == "gain_margin_db" else "")
+            axes.set_xlabel(f"{called},{unit}" if word == "gain_margin_db" else "")
 
     others = "" if len(names) == 1 else "; the other uncertain numbers are nominal"
-    title = f"{members.documents.spec.name}: margins against {names[0]}"
+    called, unit = name_and_unit(names[0])
+    title = f"{members.documents.spec.name}: margins against the {called}"
     told = f"{_margin_ranges(found)}.{_unstable_note(found)}"
-    said = f"Phase margin and gain margin against {names[0]}{others}: {told} Dotted: nominal. {_HATCHED}."
+    said = f"Phase margin and gain margin against the {called}{others}: {told} Dotted: nominal. {_HATCHED}."
     return Picture(title, said, draw, (WIDE, 4.6))
 
 

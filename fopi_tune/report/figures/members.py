@@ -22,6 +22,7 @@ from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.sample import Sample
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
 from fopi_tune.report.text.formatting import number
+from fopi_tune.report.words import in_words
 from fopi_tune.results.documents import loop_name
 
 _POINTS = 240
@@ -245,4 +246,4 @@ def _worst_point(family: PlantFamily, found: ReportedRequirement) -> tuple[float
 def _point_label(family: PlantFamily, point: Sequence[float]) -> str:
     place = np.array(point)
     numbers = ", ".join(f"{name} = {number(value, 4)}" for name, value in family.describe(place).items())
-    return ": ".join(part for part in (named_place(family, place), numbers) if part)
+    return in_words(": ".join(part for part in (named_place(family, place), numbers) if part))

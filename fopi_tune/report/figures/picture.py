@@ -1,4 +1,4 @@
-"""A figure as SVG text or PNG bytes, with its title and description:  equal pictures give equal bytes.
+"""A figure as SVG text, PNG bytes or JSON for the pointer, with title and description:  equal pictures, equal bytes.
 
 The colours are those of Okabe and Ito, for colour-blind people; lines differ by their dashes too, for grey print.
 """
@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
+
+from fopi_tune.report.figures.interactive import interactive_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,13 +68,13 @@ def png_of(picture: Picture) -> bytes:
         return _png(picture, figure)
 
 
-def svg_and_png_of(picture: Picture) -> tuple[str, bytes]:
-    """The SVG text and the PNG bytes, drawn once."""
+def every_form_of(picture: Picture) -> tuple[str, bytes, str]:
+    """The SVG text, the PNG bytes and the JSON of the one for the pointer, drawn once."""
     with _figure(picture) as figure:
         svg = _svg(picture, figure)
         # the layout is known now; to compute it again would take as long as the drawing
         figure.set_layout_engine("none")
-        return svg, _png(picture, figure)
+        return svg, _png(picture, figure), interactive_json(figure)
 
 
 def label_axes(axes: Axes, y: str, x: str = "") -> None:

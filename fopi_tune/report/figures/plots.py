@@ -63,7 +63,7 @@ def controller_bode_svg(result: Discretized) -> str:
         gain.set_ylabel("|C|, dB")
         phase.set_ylabel("arg C, deg")
         error.set_ylabel("|C digital/C ideal - 1|")
-        error.set_xlabel("omega, rad/s")
+        error.set_xlabel("ω, rad/s")
         gain.legend(loc="upper right")
         for axes in (gain, phase, error):
             axes.grid(True, which="both", linewidth=0.3)
@@ -156,7 +156,7 @@ def digital_picture(documents: ResultDocuments) -> Picture | None:
             axes.set_xlim(float(omega[0]), float(omega[-1]))
         label_axes(gain, "|C|, dB")
         label_axes(phase, "arg C, deg")
-        label_axes(distance, "relative error", "omega, rad/s")
+        label_axes(distance, "relative error", "ω, rad/s")
         legend_below(figure, gain)
 
     below = error[omega <= 0.3 * nyquist]

@@ -15,6 +15,7 @@ from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.report.figures.members import Members
 from fopi_tune.report.figures.step_responses import axis_limits, step_response, times_s
 from fopi_tune.report.text.formatting import number
+from fopi_tune.report.words import in_words, name_and_unit
 from fopi_tune.simulation.fractional.linear import Signal
 
 #: size of a panel's frame, in the units of its view box
@@ -28,7 +29,7 @@ _EVERY = 3
 _EVERY_NEAR = 2
 #: uncertain numbers on the slider, and the values of each but the first
 _MOST, _FEWER = 4, 7
-_FREQUENCY = "omega, rad/s"
+_FREQUENCY = "ω, rad/s"
 
 
 @dataclass(frozen=True)
@@ -138,8 +139,12 @@ def slider_of(members: Members) -> Slider | None:
     labels: list[str] = []
     for name, path, usual in zip(family.uncertain_names, paths, family.nominal_point.tolist(), strict=False):
         first = len(labels)
-        labels += [f"{name} = {number(value, 4)}" for value in path.tolist()]
-        numbers.append(SliderParameter(name, first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))))
+        labels += [in_words(f"{name} = {number(value, 4)}") for value in path.tolist()]
+        numbers.append(
+            SliderParameter(
+                name_and_unit(name)[0], first, len(labels) - 1, first + int(np.argmin(np.abs(path - usual)))
+            )
+        )
     return Slider(tuple(numbers), tuple(labels), tuple(panels))
 
 

@@ -54,7 +54,7 @@ def step_response(members: Members, point: tuple[float, ...], signal: Signal, ti
 def step_responses(members: Members) -> Picture | None:
     """Output after unit steps of reference and load, over the family; None if no response is accurate enough."""
     t = times_s(members)
-    points = [tuple(row) for row in _corners(members).tolist()]
+    points = [tuple(row) for row in corner_points(members).tolist()]
     every_point = [*(member.point for member in members.named), *points]
     stable = members.stable_in_continuous_time(np.array(every_point, dtype=float))
     drawn, framed = {}, {}
@@ -124,8 +124,8 @@ def _settling_words(members: Members, t: Array, nominal: Array | None) -> str:
     return told if members.gains.alpha == 1.0 else f"{told} A fractional loop settles with a slow algebraic tail."
 
 
-def _corners(members: Members) -> Array:
-    """Points of the plants drawn in grey: along the one uncertain number, or corners of the box."""
+def corner_points(members: Members) -> Array:
+    """Plants beside the named ones: along the one uncertain number, or corners of the box; shape (m, p)."""
     family = members.documents.spec.plant
     if family.has_one_plant:
         return np.zeros((0, len(family.nominal_point)))

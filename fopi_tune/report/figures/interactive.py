@@ -1,0 +1,199 @@
+"""A drawn figure as one for the pointer:  Matplotlib figure -> the JSON of a Bokeh layout; equal figures, equal JSON.
+
+Lines, bands, hatched parts, marks and the legend are read from the figure that was drawn: no picture is described
+twice.  Bokeh's own identifiers count up in a process; here they are numbered anew in each figure.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+#: pixels for an inch of the drawing
+_PIXELS_PER_INCH = 88
+_DASHES: dict[Any, str] = {"-": "solid", "--": "dashed", "-.": "dotdash", ":": "dotted"}
+_MARKERS = {"o": "circle", ".": "dot", "+": "cross", "x": "x"}
+#: a label that Matplotlib leaves out of its legend begins with this
+_UNNAMED = "_"
+#: pixels of the labels below the last panel, and of a line of the legend
+_LABELS, _LEGEND_LINE = 48, 22
+#: the wheel scrolls the page; zooming is by a box, or by buttons that the keyboard reaches
+_TOOLS = "pan,box_zoom,zoom_in,zoom_out,undo,reset"
+
+
+def interactive_json(figure: Figure) -> str:
+    """The JSON that `Bokeh.embed.embed_item` shows: zoom, pan, values under the pointer, lines that the legend hides.
+
+    Args:
+        figure: drawn, its limits known.
+    """
+    # loaded here: it costs half a second
+    from bokeh.embed import json_item
+    from bokeh.layouts import gridplot
+
+    panels: list[Any] = []
+    for axes in figure.axes:
+        shared = [panels[k] for k, other in enumerate(figure.axes[: len(panels)]) if _shares_x(axes, other)]
+        panels.append(_panel(figure, axes, shared[0].x_range if shared else None))
+    _add_legend(figure, panels)
+    rows = [[panel] for panel in panels]
+    grid = gridplot(rows, sizing_mode=None, merge_tools=True, toolbar_location="above", toolbar_options={"logo": None})
+    # not as an argument, which would be handed on to the panels
+    grid.sizing_mode = "stretch_width"
+    return _numbered_anew(json.dumps(json_item(grid), allow_nan=False))
+
+
+def _shares_x(one: Axes, other: Axes) -> bool:
+    return one.get_shared_x_axes().joined(one, other)
+
+
+def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
+    from bokeh.models import HoverTool, Range1d
+    from bokeh.plotting import figure as plot
+
+    low, high = axes.get_xlim()
+    height = figure.get_figheight() * _PIXELS_PER_INCH / len(figure.axes)
+    # a plane keeps its angles, and fits a narrow screen
+    plane = {"aspect_ratio": 1.0, "max_width": round(height), "sizing_mode": "scale_width"}
+    shape = plane if axes.get_aspect() == 1.0 else {"height": round(height), "sizing_mode": "stretch_width"}
+    panel = plot(
+        **shape,
+        tools=_TOOLS,
+        x_axis_type="log" if axes.get_xscale() == "log" else "linear",
+        y_axis_type="log" if axes.get_yscale() == "log" else "linear",
+        x_range=x_range or Range1d(low, high),
+        y_range=Range1d(*axes.get_ylim()),
+        x_axis_label=axes.get_xlabel() or None,
+        y_axis_label=axes.get_ylabel() or None,
+        min_border_left=70,
+    )
+    _draw_areas(axes, panel)
+    named = [renderer for line in axes.get_lines() if (renderer := _draw_line(axes, panel, line)) is not None]
+    tips = [(axes.get_xlabel() or "x", "$x{0.0000a}"), (axes.get_ylabel() or "y", "$y{0.0000a}")]
+    panel.add_tools(HoverTool(renderers=named, tooltips=[("", "$name"), *tips], line_policy="interp"))
+    return panel
+
+
+def _draw_line(axes: Axes, panel: Any, line: Line2D) -> Any:
+    """Draw one line or row of marks; the renderer where it is a curve with a name."""
+    from bokeh.models import Span
+
+    x, y = (np.asarray(values, dtype=float) for values in line.get_data())
+    colour, width, dash = _colour(line.get_color()), max(1.2, 1.4 * line.get_linewidth()), _dash(line)
+    if line.get_transform() != axes.transData:
+        # axhline and axvline: one of the coordinates is a share of the axes
+        across = y[0] == y[-1]
+        panel.add_layout(Span(location=float(y[0] if across else x[0]), dimension="width" if across else "height",
+                              line_color=colour, line_width=width, line_dash=dash))  # fmt: skip
+        return None
+    label = str(line.get_label())
+    name = "" if label.startswith(_UNNAMED) else label
+    marker = _MARKERS.get(str(line.get_marker()))
+    drawn = None
+    if line.get_linestyle() not in ("None", "none", ""):
+        x, y = _stepped(x, y) if line.get_drawstyle() == "steps-post" else (x, y)
+        drawn = panel.line(_short(x), _short(y), line_color=colour, line_width=width, line_dash=dash, name=name)
+    if marker is not None:
+        size = 1.4 * line.get_markersize()
+        panel.scatter(_short(x), _short(y), marker=marker, size=size, line_color=colour, fill_color=colour)
+    return drawn if name else None
+
+
+def _draw_areas(axes: Axes, panel: Any) -> None:
+    """Draw bands, hatched parts and circles."""
+    for patch in [*axes.collections, *axes.patches]:
+        hatch = patch.get_hatch()
+        for x, y in _outlines(axes, patch):
+            face, edge = patch.get_facecolor(), patch.get_edgecolor()
+            face, edge = (np.atleast_2d(each)[0] if len(each) else (0.0, 0.0, 0.0, 0.0) for each in (face, edge))
+            width = float(np.atleast_1d(patch.get_linewidth())[0])
+            label = str(patch.get_label())
+            panel.patch(
+                _short(x), _short(y), fill_color=_colour(face[:3]), fill_alpha=float(face[3]),
+                line_color=_colour(edge[:3]), line_alpha=float(edge[3]) if width else 0.0, line_width=width,
+                line_dash="solid" if hatch else _dash_of_patch(patch),
+                hatch_pattern=_hatch(hatch), hatch_color=_colour(edge[:3]), hatch_alpha=0.5, hatch_weight=0.6,
+                name="" if label.startswith(_UNNAMED) else label,
+            )  # fmt: skip
+
+
+def _outlines(axes: Axes, patch: Any) -> Iterator[tuple[Array, Array]]:
+    """The closed outlines of a patch or of a collection's paths, in data coordinates."""
+    from matplotlib.patches import Patch
+
+    # in dots of the drawing, so that circles get corners enough
+    to_dots, back = patch.get_transform(), axes.transData.inverted()
+    paths = [patch.get_path()] if isinstance(patch, Patch) else patch.get_paths()
+    for path in paths:
+        for outline in to_dots.transform_path(path).to_polygons(closed_only=False):
+            corners = np.asarray(back.transform(outline), dtype=float)
+            if len(corners) > 1 and np.all(np.isfinite(corners)):
+                yield corners[:, 0], corners[:, 1]
+
+
+def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
+    """The names of lines and bands below the last panel; a click, or Enter, hides what has the name in every panel."""
+    from bokeh.models import Legend, LegendItem
+
+    named: dict[str, list[Any]] = {}
+    for panel in panels:
+        for renderer in panel.renderers:
+            if renderer.name:
+                named.setdefault(str(renderer.name), []).append(renderer)
+    if named:
+        items = [LegendItem(label=name, renderers=found) for name, found in named.items()]
+        # one below the other: side by side they would not fit a narrow screen
+        panels[-1].add_layout(Legend(items=items, click_policy="hide", location="left"), "below")
+        if panels[-1].height is not None:
+            panels[-1].height += _LABELS + _LEGEND_LINE * len(items)
+
+
+def _stepped(x: Array, y: Array) -> tuple[Array, Array]:
+    """The corners of a line that keeps its value up to the next point."""
+    return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
+
+
+def _short(values: Array) -> Array:
+    """In single precision, which is more than a screen shows, and half as long."""
+    return np.asarray(values, dtype=np.float32)
+
+
+def _colour(value: Any) -> str:
+    from matplotlib.colors import to_hex
+
+    return to_hex(value)
+
+
+def _dash(line: Line2D) -> Any:
+    style = line.get_linestyle()
+    _, pattern = getattr(line, "_unscaled_dash_pattern", (0, None))
+    return _DASHES.get(style, "solid") if pattern is None else [round(4.0 * float(each)) or 1 for each in pattern]
+
+
+def _dash_of_patch(patch: Any) -> str:
+    style = patch.get_linestyle()
+    return _DASHES.get(style, "solid") if isinstance(style, str) else "solid"
+
+
+def _hatch(hatch: str | None) -> str | None:
+    if not hatch:
+        return None
+    return {"/": "right_diagonal_line", "\\": "left_diagonal_line"}.get(hatch[0], "diagonal_cross")
+
+
+def _numbered_anew(text: str) -> str:
+    """The same layout with identifiers that count from 1 in the order of their places."""
+    found = dict.fromkeys(re.findall(r'"id": "(p\d+)"', text))
+    names = {old: f"f{k}" for k, old in enumerate(found, 1)}
+    return re.sub(r'"(p\d+)"', lambda hit: f'"{names.get(hit[1], hit[1])}"', text)

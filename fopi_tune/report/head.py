@@ -1,0 +1,124 @@
+"""The head of a report:  what was asked for and of which plants, in a few lines, and where the files are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from fopi_tune.core.families.plant_list import PlantList
+from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.report.documents import ResultDocuments
+from fopi_tune.report.text.formatting import number
+from fopi_tune.report.words import in_words, name_and_unit
+from fopi_tune.results.documents import loop_name
+from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
+
+#: numbers of a plant that are told one by one
+_MOST = 12
+_FORMULAS = {
+    "lag": "P(s) = K e^(−Ls)/(τs + 1)",
+    "pole": "P(s) = K e^(−Ls)/(s + p)",
+    "transfer_function": "P(s) = N(s) e^(−Ls)/D(s)",
+}
+_STRUCTURES = {
+    "fopi": "C(s) = kp + ki/s^α",
+    "pid": "C(s) = kp + ki/s + kd s/(Tf s + 1)",
+    "fopid": "C(s) = kp + ki/s^α + kd s^μ/(Tf s + 1)",
+}
+#: a result's file -> what it is called; those that a run writes beside the page
+_FILES = {
+    "spec.yaml": "spec",
+    "design.json": "design",
+    "certificate.json": "certificate",
+    "digital.json": "digital controller",
+    "digital_certificate.json": "its certificate",
+    "c/": "C code",
+    "evidence.json": "drawn plants",
+}
+
+
+def head_of(documents: ResultDocuments) -> Iterator[tuple[str, str]]:
+    """Plant, controller, loop and objective: a word and what is to be said about it."""
+    spec = documents.spec
+    yield "plant", _plant(spec)
+    yield "controller", _controller(spec.controller)
+    yield "loop", _loop(spec)
+    if spec.scenarios:
+        yield "scenarios", ", ".join(f"{each.name} ({number(each.duration_s)} s)" for each in spec.scenarios)
+    yield "tool", f"fopi_tune {documents.design['stamp']['versions'].get('fopi_tune', '')}".rstrip()
+
+
+def files_of_page(documents: ResultDocuments, certificate: bool) -> list[tuple[str, str]]:
+    """The files beside the page, as address and word.
+
+    Args:
+        documents: of the page.
+        certificate: whether the design has one.
+    """
+    there = {"spec.yaml", "design.json"} | ({"certificate.json"} if certificate else set())
+    if documents.digital is not None:
+        there |= {"digital.json", "c/"}
+        there |= {"digital_certificate.json"} if _has_certificate(documents.digital) else set()
+    there |= {"evidence.json"} if documents.evidence is not None else set()
+    return [(file, word) for file, word in _FILES.items() if file in there]
+
+
+def _has_certificate(document: Mapping[str, object]) -> bool:
+    proof = document.get("proof")
+    return isinstance(proof, Mapping) and proof.get("certificate_digest") is not None
+
+
+def _plant(spec: DesignSpec) -> str:
+    family = spec.plant
+    if spec.is_measured:
+        return "measured frequency responses"
+    if isinstance(family, PlantList):
+        each = (f"{member.name}: {_family(member.family)}" for member in family.members)
+        return f"a list of {len(family.members)}. {'; '.join(each)}"
+    return _family(family)
+
+
+def _family(family: PlantFamily) -> str:
+    numbers = [f"{name_and_unit(name)[0]}{_range(value, name_and_unit(name)[1])}"
+               for name, value in family.parameters.items() if value != Uncertain(0.0, 0.0, 0.0)]  # fmt: skip
+    shown = numbers[:_MOST] + ([f"and {len(numbers) - _MOST} more"] if len(numbers) > _MOST else [])
+    formula = _FORMULAS.get(family.model, family.model.replace("_", " "))
+    return f"{formula}: {', '.join(shown)}"
+
+
+def _range(value: Uncertain, unit: str) -> str:
+    if value.is_exact:
+        return f" {number(value.nominal)}{unit}"
+    return f" {number(value.nominal)}{unit}, anywhere in [{number(value.min)}, {number(value.max)}]"
+
+
+def _controller(box: ControllerSpec) -> str:
+    ranges = ", ".join(f"{in_words(name)}{_gain(gain)}" for name, gain in box.ranges.items())
+    said = f"{_STRUCTURES[box.structure]} with {ranges}"
+    return said if box.setpoint_weight == 1.0 else f"{said}; weight of the setpoint {number(box.setpoint_weight)}"
+
+
+def _gain(gain: GainRange) -> str:
+    if gain.is_fixed:
+        return f" = {number(gain.min)}"
+    if math.isinf(gain.min) and math.isinf(gain.max):
+        return " free"
+    if math.isinf(gain.max):
+        return f" ≥ {number(gain.min)}"
+    return f" ≤ {number(gain.max)}" if math.isinf(gain.min) else f" in [{number(gain.min)}, {number(gain.max)}]"
+
+
+def _loop(spec: DesignSpec) -> str:
+    digital = spec.digital
+    if digital is None:
+        return "in continuous time"
+    said = f"a computer with samples of {number(digital.sample_time_s)} s"
+    if digital.delay_samples:
+        said += f", {number(digital.delay_samples)} samples of computing delay"
+    if digital.output_limits is not None:
+        low, high = digital.output_limits
+        said += f", control in [{number(low)}, {number(high)}]"
+    if digital.output_rate_per_s is not None:
+        said += f", at most {number(digital.output_rate_per_s)} per s"
+    about = "on samples" if loop_name(spec) == "sampled" else "in continuous time"
+    return f"{said}; requirements are about the loop {about}"
