@@ -165,11 +165,11 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
 
 def _gains_words(gains: FoPi, status: str) -> str:
     names, formula = {
-        "fopi": (("kp", "ki", "alpha"), "kp + ki / s^alpha"),
+        "fopi": (("kp", "ki", "alpha"), "kp + ki / s^α"),
         "pid": (("kp", "ki", *DERIVATIVE_NAMES), "kp + ki / s + kd s / (Tf s + 1)"),
-        "fopid": (("kp", "ki", "alpha", "mu", *DERIVATIVE_NAMES), "kp + ki / s^alpha + kd s^mu / (Tf s + 1)"),
+        "fopid": (("kp", "ki", "alpha", "mu", *DERIVATIVE_NAMES), "kp + ki / s^α + kd s^μ / (Tf s + 1)"),
     }[structure_of(gains)]
-    values = ", ".join(f"{name} = {number(getattr(gains, name))}" for name in names)
+    values = ", ".join(f"{in_words(name)} = {number(getattr(gains, name))}" for name in names)
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
     if gains.measurement_filter is None:
         return f"C(s) = {formula} with {values}{no_solution}"

@@ -76,7 +76,7 @@ def _unit(spec: DesignSpec, unit: str) -> str:
         return unit
     for word, own in (("output unit", spec.digital.measurement_unit), ("control unit", spec.digital.output_unit)):
         unit = unit.replace(word, own.strip() or word)
-    return unit
+    return unit.replace("^2", "²").replace(" squared", "²").replace(" times ", " ")
 
 
 def _shown(value: float) -> str:

@@ -69,7 +69,7 @@ def in_words(text: str) -> str:
         return f"{name}{found[2]}{found[3]}{unit}" if found[1] in _KNOWN else found[0]
 
     def word(found: re.Match[str]) -> str:
-        return {"omega": "ω", "alpha": "α"}.get(found[0], name_and_unit(found[0])[0])
+        return {"omega": "ω", "alpha": "α", "mu": "μ"}.get(found[0], name_and_unit(found[0])[0])
 
     said = _WORD.sub(word, _RELATION.sub(relation, text))
     for sign, shown in _SIGNS.items():

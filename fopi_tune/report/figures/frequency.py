@@ -26,7 +26,7 @@ from fopi_tune.report.figures.forbidden_regions import (
     mark_critical_phases,
     sensitivity_discs,
 )
-from fopi_tune.report.figures.members import Members
+from fopi_tune.report.figures.members import Members, gains_at_phase_crossovers
 from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, WIDE, Picture, label_axes, legend_below, log_axes
 from fopi_tune.report.text.formatting import number
 from fopi_tune.report.words import name_and_unit
@@ -52,6 +52,7 @@ def bode(members: Members) -> Picture:
     requirements = members.documents.spec.requirements
     crossings, of_named = _crossovers(members), gain_crossovers(members.named_loops)
     phases, own = np.degrees(of_named.phase_rad), of_named.row == 0
+    turned = gains_at_phase_crossovers(members)
 
     def draw(figure: Figure) -> None:
         gain, phase = figure.subplots(2, 1, sharex=True)
@@ -75,6 +76,10 @@ def bode(members: Members) -> Picture:
             for axes, height in ((gain, 0.0), (phase, arg)):
                 axes.plot([omega], [height], "o", color=STYLES[row][0], markersize=5, zorder=4)
             phase.plot([omega] * 2, [arg, float(critical_phases(arg))], color=STYLES[row][0], linewidth=0.8)
+        for row, omega, size in turned:
+            level = _DB * math.log(size)
+            gain.plot([omega], [level], "s", color=STYLES[row][0], markersize=4, zorder=4)
+            gain.plot([omega] * 2, [level, 0.0], color=STYLES[row][0], linewidth=0.8)
         label_axes(gain, "|L|, dB")
         label_axes(phase, "arg L, deg", "ω, rad/s")
         legend_below(figure, gain)
@@ -84,7 +89,8 @@ def bode(members: Members) -> Picture:
     said = (
         f"Gain and phase of the loop over frequency, {_plants_phrase(members)}; {at}. {_hatching(members)} Dots: "
         "each line at its gain crossovers, and from there the distance to the nearest of -180 deg and of whole turns "
-        "from it: the smallest is its phase margin. A dot may not lie in a hatched part, its line may pass there. A "
+        "from it: the smallest is its phase margin. Squares: |L| at its lowest phase crossover, and from "
+        "there the distance to 0 dB. A dot may not lie in a hatched part, its line may pass there. A "
         "cross marks what has to be met exactly."
     )
     return Picture(title, said, draw, TWO_PANELS)
@@ -93,6 +99,7 @@ def bode(members: Members) -> Picture:
 def nyquist(members: Members) -> Picture:
     """L in the complex plane, with the circle around -1 that no plant enters and the forbidden discs."""
     near, loops = members.near_unit_gain, members.family_loops
+    crossings, turned = gain_crossovers(members.named_loops), gains_at_phase_crossovers(members)
     named = np.exp(near.named_log_loop)
     grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
     stability = members.documents.design["stability"] or {}
@@ -114,6 +121,10 @@ def nyquist(members: Members) -> Picture:
             axes.add_patch(Circle((-1.0, 0.0), radius, fill=False, linestyle=":", edgecolor="0.3", linewidth=1.0))
         forbid_discs(axes, members.documents.spec.requirements)
         forbid_arcs(axes, members.documents.spec.requirements)
+        for row, phase in zip(crossings.row, crossings.phase_rad, strict=True):
+            axes.plot([math.cos(phase)], [math.sin(phase)], "o", color=STYLES[row][0], markersize=5, zorder=4)
+        for row, _, size in turned:
+            axes.plot([-size], [0.0], "s", color=STYLES[row][0], markersize=4, zorder=4)
         axes.plot([-1.0], [0.0], "k+", markersize=9)
         axes.set_xlim(*_NYQUIST_VIEW[:2])
         axes.set_ylim(*_NYQUIST_VIEW[2:])
@@ -130,7 +141,10 @@ def nyquist(members: Members) -> Picture:
     asked = "; hatched: where |S| would be above its limit at any frequency" if sensitivity_discs(requirements) else ""
     if any(r.quantity == "phase_margin_deg" and r.lower > 0.0 for r in requirements):
         asked += "; thick or crossed, on the unit circle: where a phase margin would be missed, or is to be met exactly"
-    said = f"The loop in the complex plane near -1 (marked +), positive frequencies; grey: other plants{asked}.{kept}"
+    said = (
+        "The loop in the complex plane near -1 (marked +), positive frequencies; grey: other plants; dots: gain "
+        f"crossovers; squares: lowest phase crossovers{asked}.{kept}"
+    )
     return Picture(title, said, draw, (6.4, 6.4))
 
 
@@ -148,7 +162,7 @@ def sensitivities(members: Members) -> Picture:
         every[-1].set_xlabel("ω, rad/s")
         legend_below(figure, every[0])
 
-    peaks = ", ".join(f"{_WORDS[word]} {family[word].max() + 0.0:.2f} dB" for word in words)
+    peaks = ", ".join(f"{_WORDS[word]} {round(float(family[word].max()), 2) + 0.0:.2f} dB" for word in words)
     title = f"{members.documents.spec.name}: sensitivities"
     others = ", control sensitivity C S and load sensitivity P S" if _LOAD in words else " and control sensitivity C S"
     said = (

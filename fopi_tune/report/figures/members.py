@@ -149,7 +149,9 @@ class Members:
         if self.range_rad_s is not None:
             top = min(self.range_rad_s[1], _BELOW_NYQUIST * loops.highest_rad_s)
             return np.geomspace(self.range_rad_s[0], top, _POINTS)
-        crossings = np.concatenate([gain_crossovers(loops).omega_rad_s, _phase_crossovers(loops)])
+        crossings = np.concatenate(
+            [gain_crossovers(loops).omega_rad_s, [omega for _, omega, _ in gains_at_phase_crossovers(self)]]
+        )
         ends = [end for r in self.documents.spec.requirements for end in (r.from_rad_s, r.to_rad_s)]
         said = [
             found.reported["worst"]["omega_rad_s"] for found in self.documents.requirements if found.reported["worst"]
@@ -222,13 +224,14 @@ def members_of(documents: ResultDocuments) -> Members | None:
     return None if gains is None or gains.is_zero else Members(documents, gains)
 
 
-def _phase_crossovers(loops: Loops) -> Array:
-    """The lowest phase crossover of each loop, rad/s: those above it are closer to 0 than to -1."""
+def gains_at_phase_crossovers(members: Members) -> list[tuple[int, float, float]]:
+    """Of each of `named` that has one: its row, its lowest phase crossover, rad/s, and |L| there."""
     try:
-        found = phase_crossovers(loops)
+        found = phase_crossovers(members.named_loops)
     except DomainError:  # too many to list: the figure does without them
-        return np.zeros(0)
-    return found.omega_rad_s[np.unique(found.row, return_index=True)[1]]
+        return []
+    rows, first = np.unique(found.row, return_index=True)
+    return list(zip(rows.tolist(), found.omega_rad_s[first].tolist(), found.gain[first].tolist(), strict=True))
 
 
 def _worst_point(family: PlantFamily, found: ReportedRequirement) -> tuple[float, ...] | None:
