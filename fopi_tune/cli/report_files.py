@@ -15,13 +15,16 @@ from fopi_tune.cli.result_files import (
     DIGITAL,
     DIGITAL_CERTIFICATE,
     EVIDENCE,
+    SIMULATION,
     SYSTEM_CERTIFICATE,
     SYSTEM_PROOF,
 )
 from fopi_tune.errors import CertificateError, DomainError
 
 if TYPE_CHECKING:
+    from fopi_tune.proof.switched import SystemCertificate
     from fopi_tune.report.documents import Document, ResultDocuments
+    from fopi_tune.report.system_page import SystemRuns
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 
@@ -99,22 +102,34 @@ def report_from_folder(spec: DesignSpec, folder: Path) -> Made:
 
 
 def system_report_from_folder(folder: Path, system: SystemSpec | None) -> Made:
-    """The page of what is proved of a system, made from the certificate in a folder, which is tested.
+    """The page of a system: what a certificate in a folder proves, which is tested, and what its gains do.
 
     Args:
         folder: of the results.
-        system: that the certificate must be of; None leaves this open.
+        system: that the results must be of, and that is simulated; None leaves this open, and shows the certificate.
 
     Raises:
-        DomainError: there is no certificate of this system, or it does not hold; says which and where.
+        DomainError: there is no result of this system, or its certificate does not hold; says which and where.
     """
-    from fopi_tune.pipeline.prove_system import recheck_system
     from fopi_tune.report.system_page import system_report_files
+
+    certificate = _certificate_of_system(folder, system)
+    runs = None if system is None else _runs_of_system(folder, system)
+    if certificate is None and runs is None:
+        asked = "" if system is None else ", `fopi simulate` or `fopi validate`"
+        raise DomainError(f"there is no {SYSTEM_CERTIFICATE} to read in {folder}; make one with `fopi prove`{asked}")
+    unit = _stated_unit(folder) if system is None else system.measurement_unit
+    return Made(system_report_files(certificate, unit, runs), ())
+
+
+def _certificate_of_system(folder: Path, system: SystemSpec | None) -> SystemCertificate | None:
+    """The certificate in a folder, tested; None where there is none."""
+    from fopi_tune.pipeline.prove_system import recheck_system
 
     path = folder / SYSTEM_CERTIFICATE
     document = _read_document(path)
     if document is None:
-        raise DomainError(f"there is no {SYSTEM_CERTIFICATE} to read in {folder}; make one with `fopi prove`")
+        return None
     try:
         certificate, found = recheck_system(document)
     except CertificateError as error:
@@ -123,8 +138,26 @@ def system_report_from_folder(folder: Path, system: SystemSpec | None) -> Made:
         raise DomainError(f"{path} is of another system, or of another text of this one; run `fopi prove` again")
     if not found.accepted:
         raise DomainError(f"{path} does not show what it says: {found.problems[0]}; run `fopi prove` again")
-    unit = _stated_unit(folder) if system is None else system.measurement_unit
-    return Made(system_report_files(certificate, unit), ())
+    return certificate
+
+
+def _runs_of_system(folder: Path, system: SystemSpec) -> SystemRuns | None:
+    """What the gains of results in a folder do; None without results that state the gains of this system."""
+    from fopi_tune.proof.strict_json import JsonObject
+    from fopi_tune.report.system_page import system_runs
+
+    for file in (EVIDENCE, f"{SIMULATION}.json", SYSTEM_PROOF):
+        document = _read_document(folder / file)
+        stamp = {} if document is None else document.get("stamp")
+        if document is None or not isinstance(stamp, dict) or stamp.get("spec_sha256") != system.sha256:
+            continue
+        try:
+            said = JsonObject(document, "").child("gains")
+            named = {mode.name: said.child(mode.name).controller() for mode in system.modes}
+        except CertificateError as error:
+            raise DomainError(f"{folder / file} is not as this tool writes it: {error}; make it again") from None
+        return system_runs(system, named, document if file == EVIDENCE else None)
+    return None
 
 
 def _stated_unit(folder: Path) -> str:

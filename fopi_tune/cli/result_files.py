@@ -40,7 +40,10 @@ SYSTEM_DIGITAL = "system_digital.json"
 #: what is proved of a system
 SYSTEM_PROOF, SYSTEM_CERTIFICATE = "system_proof.json", "system_certificate.json"
 #: the page of what is proved of a system, and its figures
-SYSTEM_REPORT, SYSTEM_FIGURES = "system_report.html", ("orbit", "region")
+SYSTEM_REPORT, SYSTEM_FIGURES = (
+    "system_report.html",
+    ("orbit", "region", *(f"scenario_{k}" for k in range(1, 7))),
+)
 #: prefixes of the files of simulations: of the sampled loop, and in continuous time
 SIMULATION, EXACT = "simulation", "exact"
 #: a copy of the spec of a result

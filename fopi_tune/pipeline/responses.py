@@ -1,4 +1,4 @@
-"""The loop as it runs, for many plants:  spec, gains, points of the family -> FamilyResponse, one a scenario.
+"""The loop as it runs, for many plants:  spec or system, gains, points of the family -> FamilyResponse, one a scenario.
 
 Each plant is driven as `fopi simulate` drives one: on samples, with the filter, the computing delay, the control's
 limits and rate, anti-windup, and the scenario's noise and quantisation.
@@ -6,6 +6,7 @@ limits and rate, anti-windup, and the scenario's noise and quantisation.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +17,9 @@ from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.pipeline.scenario_results import refuse_start
-from fopi_tune.simulation.scenario import Measures, Scenario, Traces
+from fopi_tune.simulation.scenario import Measures, Mode, Scenario, Traces
 from fopi_tune.spec.lists.members import refuse_measured
-from fopi_tune.spec.model import DesignSpec, ScenarioSpec, ValidationSpec
+from fopi_tune.spec.model import DesignSpec, ScenarioSpec, SystemSpec, ValidationSpec
 
 #: numbers kept of a signal, over all plants; longer scenarios are driven with fewer plants
 _MOST_NUMBERS = 400_000
@@ -68,22 +69,59 @@ def family_responses(spec: DesignSpec, gains: FoPi, points: Array) -> tuple[Fami
             start that some plant does not have.
     """
     from fopi_tune.digital.implementation import implementation_of, runtime_of
-    from fopi_tune.simulation.measures import horizon_of, measures_of, scenario_of
-    from fopi_tune.simulation.sampled.simulate import simulate
-    from fopi_tune.simulation.scenario import Mode
+    from fopi_tune.simulation.measures import scenario_of
 
     refuse_fractional_family(spec.plant, "a simulation", "its state is all of its past")
     refuse_measured(spec, "a simulation")
     implementation = implementation_of(spec, gains)
     controller = runtime_of(implementation.sections, spec)
     seed = (spec.validation or ValidationSpec()).seed
-    found = []
-    for scenario in spec.scenarios or (default_of(spec, implementation),):
+
+    def drive(scenario: ScenarioSpec) -> FamilyResponse:
         run = scenario_of(scenario, implementation, seed)
-        driven = points[: max(1, _MOST_NUMBERS // len(run.signals))]
-        plants = Plants.members(spec.plant, np.asarray(driven, dtype=float))
+        driven = _as_many_as_fit(points, run)
+        plants = Plants.members(spec.plant, driven)
         refuse_start(scenario, plants, implementation.sample_time_s)
-        traces = simulate([Mode(controller, plants)], run)
-        measures = measures_of(traces, [controller], run, horizon_of(scenario, run))
-        found.append(FamilyResponse(scenario, run, driven, traces, measures))
-    return tuple(found)
+        return _driven(scenario, run, driven, [Mode(controller, plants)])
+
+    return tuple(drive(scenario) for scenario in spec.scenarios or (default_of(spec, implementation),))
+
+
+def system_responses(system: SystemSpec, gains: Mapping[str, FoPi], points: Array) -> tuple[FamilyResponse, ...]:
+    """Drive pairs of plants of a system through every scenario.
+
+    Args:
+        system: the system.
+        gains: of each mode.
+        points: of the family of pairs, shape (m, p), the ones that matter first.
+
+    Raises:
+        DomainError: a controller that cannot be made, or a start that some plant does not have.
+    """
+    from fopi_tune.digital.implementation import implementation_of
+    from fopi_tune.montecarlo.systems import hybrid_scenario, modes_of
+
+    implementations = [implementation_of(mode.spec, gains[mode.name]) for mode in system.modes]
+
+    def drive(scenario: ScenarioSpec) -> FamilyResponse:
+        run = hybrid_scenario(system, scenario, implementations[0], system.validation.seed)
+        driven = _as_many_as_fit(points, run)
+        for mode in system.modes:
+            plants = Plants.members(mode.spec.plant, driven[:, system.family.columns(mode.name)])
+            refuse_start(scenario, plants, system.sample_time_s)
+        return _driven(scenario, run, driven, modes_of(system, implementations, lambda first, end: driven[first:end]))
+
+    return tuple(drive(scenario) for scenario in system.scenarios)
+
+
+def _as_many_as_fit(points: Array, run: Scenario) -> Array:
+    return np.asarray(points[: max(1, _MOST_NUMBERS // len(run.signals))], dtype=float)
+
+
+def _driven(scenario: ScenarioSpec, run: Scenario, points: Array, modes: Sequence[Mode]) -> FamilyResponse:
+    from fopi_tune.simulation.measures import horizon_of, measures_of
+    from fopi_tune.simulation.sampled.simulate import simulate
+
+    traces = simulate(modes, run, len(points))
+    measures = measures_of(traces, [mode.controller for mode in modes], run, horizon_of(scenario, run))
+    return FamilyResponse(scenario, run, points, traces, measures)

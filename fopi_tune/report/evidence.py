@@ -42,9 +42,23 @@ def evidence_rows(evidence: Mapping[str, Any]) -> tuple[EvidenceRow, ...]:
     return (*first, stable, *(_row(judged) for judged in _tested(evidence)))
 
 
+def system_evidence_rows(evidence: Mapping[str, Any]) -> tuple[EvidenceRow, ...]:
+    """The same of a system: everything at once, then of each scenario how many stay finite and keep limits."""
+    joint = evidence["joint_yield"]
+    rows = [EvidenceRow("all at once", *_share_and_interval(joint), "", "")]
+    for each in evidence["scenarios"]:
+        counted = (("the output stays finite", "finite"), ("without chattering", "without_chattering"))
+        rows += (
+            EvidenceRow(f"{said}, {each['name']}", *_share_and_interval(each[key]), "", "") for said, key in counted
+        )
+        rows += (_row(judged) for judged in each["limits"])
+    return tuple(rows)
+
+
 def sampling_phrase(evidence: Mapping[str, Any]) -> str:
     """How many plants were drawn, how, and how many of them lie outside the family, where nothing is proved."""
-    drawn, total = evidence["drawn"], evidence["stable"]["total"]
+    drawn = evidence["drawn"]
+    total = (evidence.get("stable") or evidence["joint_yield"])["total"]
     how = f"rows of {drawn['samples_file']['name']}" if drawn["samples_file"] else str(drawn["design"])
     words = f"{evidence['status']}: {total} plants, {how}, seed {drawn['seed']}"
     if drawn.get("plants"):

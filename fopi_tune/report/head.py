@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.report.documents import ResultDocuments
-from fopi_tune.report.text.formatting import number
+from fopi_tune.report.text.formatting import filter_formula, number
 from fopi_tune.report.words import in_words, name_and_unit
 from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
@@ -25,6 +26,7 @@ _STRUCTURES = {
     "pid": "C(s) = kp + ki/s + kd s/(Tf s + 1)",
     "fopid": "C(s) = kp + ki/s^α + kd s^μ/(Tf s + 1)",
 }
+_LETTERS = {"alpha": "α", "mu": "μ", "derivative_filter_time_constant_s": "Tf"}
 #: a result's file -> what it is called; those that a run writes beside the page
 _FILES = {
     "spec.yaml": "spec",
@@ -45,7 +47,23 @@ def head_of(documents: ResultDocuments) -> Iterator[tuple[str, str]]:
     yield "loop", _loop(spec)
     if spec.scenarios:
         yield "scenarios", ", ".join(f"{each.name} ({number(each.duration_s)} s)" for each in spec.scenarios)
-    yield "tool", f"fopi_tune {documents.design['stamp']['versions'].get('fopi_tune', '')}".rstrip()
+    yield "tool", f"fopi_tune {documents.design['stamp']['versions'].get('fopi-tune', '')}".rstrip()
+
+
+def controller_words(gains: FoPi) -> str:
+    """A controller as a formula with its numbers."""
+    structure = structure_of(gains)
+    names = {
+        "fopi": ("kp", "ki", "alpha"),
+        "pid": ("kp", "ki", *DERIVATIVE_NAMES),
+        "fopid": ("kp", "ki", "alpha", "mu", *DERIVATIVE_NAMES),
+    }[structure]
+    values = ", ".join(f"{_LETTERS.get(name, name)} = {number(getattr(gains, name))}" for name in names)
+    formula = _STRUCTURES[structure].removeprefix("C(s) = ")
+    if gains.measurement_filter is None:
+        return f"C(s) = {formula} with {values}"
+    filtered = filter_formula(gains.measurement_filter)
+    return f"C(s) = F(s) ({formula}) with {values} and {filtered} on the measurement"
 
 
 def files_of_page(documents: ResultDocuments, certificate: bool) -> list[tuple[str, str]]:

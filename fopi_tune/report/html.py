@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
+from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
 from fopi_tune.report.document_shapes import CHECKED
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
@@ -28,15 +28,14 @@ from fopi_tune.report.figures.plots import digital_picture
 from fopi_tune.report.figures.scenarios import DrivenLoops, driven_loops
 from fopi_tune.report.figures.slider import HEIGHT, WIDTH, critical_point_mark, slider_of
 from fopi_tune.report.figures.step_responses import step_responses
-from fopi_tune.report.head import files_of_page, head_of
+from fopi_tune.report.head import controller_words, files_of_page, head_of
 from fopi_tune.report.measure_entries import ENTRIES, measures_met
 from fopi_tune.report.measure_rows import measure_rows
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.requirement_rows import RequirementRow, place_phrase, requirement_rows
-from fopi_tune.report.response_rows import measure_ranges
+from fopi_tune.report.response_rows import driven_plants, measure_ranges
 from fopi_tune.report.text.formatting import (
     exact_limit,
-    filter_formula,
     margins_phrase,
     number,
     score_note,
@@ -96,12 +95,11 @@ def _histograms(documents: ResultDocuments) -> Picture | None:
 
 def _driven_values(driven: DrivenLoops) -> dict[str, Any]:
     """Template values of the loop as it runs."""
-    counts = sorted({len(response.points) for response in driven.responses})
     return {
         "why_not_driven": driven.why_none,
-        "driven_plants": " to ".join(map(str, counts[:: max(1, len(counts) - 1)])),
-        "own_scenarios": bool(driven.documents.spec.scenarios),
-        "ranges": measure_ranges(driven.documents.spec, driven.responses),
+        "driven_plants": driven_plants(driven),
+        "own_scenarios": driven.own_scenarios,
+        "ranges": measure_ranges(driven),
     }
 
 
@@ -164,17 +162,8 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
 
 
 def _gains_words(gains: FoPi, status: str) -> str:
-    names, formula = {
-        "fopi": (("kp", "ki", "alpha"), "kp + ki / s^α"),
-        "pid": (("kp", "ki", *DERIVATIVE_NAMES), "kp + ki / s + kd s / (Tf s + 1)"),
-        "fopid": (("kp", "ki", "alpha", "mu", *DERIVATIVE_NAMES), "kp + ki / s^α + kd s^μ / (Tf s + 1)"),
-    }[structure_of(gains)]
-    values = ", ".join(f"{in_words(name)} = {number(getattr(gains, name))}" for name in names)
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
-    if gains.measurement_filter is None:
-        return f"C(s) = {formula} with {values}{no_solution}"
-    said = f"C(s) = F(s) ({formula}) with {values}"
-    return f"{said} and {filter_formula(gains.measurement_filter)} on the measurement{no_solution}"
+    return f"{controller_words(gains)}{no_solution}"
 
 
 def _worded(rows: Sequence[RequirementRow]) -> tuple[RequirementRow, ...]:

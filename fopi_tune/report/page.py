@@ -120,7 +120,8 @@ def plot_library() -> str:
     """The script of Bokeh, as its package brings it, that shows figures with zoom and values under the pointer."""
     from bokeh.resources import Resources
 
-    return "\n".join(Resources(mode="inline", components=["bokeh"], minified=True).js_raw)
+    # the first is the library; what follows only sets how much it tells to the console
+    return Resources(mode="inline", components=["bokeh"], minified=True).js_raw[0]
 
 
 def _digest(script: str) -> str:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from fopi_tune.pipeline.responses import FamilyResponse
+from fopi_tune.report.figures.scenarios import DrivenLoops
 from fopi_tune.report.text.formatting import TIE, number
 from fopi_tune.report.words import in_words, name_and_unit
 from fopi_tune.simulation.measures import measure_values
 from fopi_tune.spec.measures import ACCELERATION, MEASURES, velocity_unit
-from fopi_tune.spec.model import DesignSpec
 
 #: digits of a measure
 _DIGITS = 4
@@ -40,28 +40,32 @@ class MeasureRange:
     worst: str
 
 
-def measure_ranges(spec: DesignSpec, responses: Sequence[FamilyResponse]) -> tuple[MeasureRange, ...]:
-    """A row for each measure of each scenario, in the order of the scenarios.
-
-    Args:
-        spec: the spec.
-        responses: of its scenarios; the nominal plant is the first of each.
-    """
-    return tuple(row for response in responses for row in _rows(spec, response))
+def measure_ranges(loops: DrivenLoops) -> tuple[MeasureRange, ...]:
+    """A row for each measure of each scenario, in the order of the scenarios."""
+    return tuple(row for response in loops.responses for row in _rows(loops, response))
 
 
-def _rows(spec: DesignSpec, response: FamilyResponse) -> Iterator[MeasureRange]:
-    unit = "" if spec.digital is None else spec.digital.measurement_unit
+def driven_plants(loops: DrivenLoops) -> str:
+    """How many plants were driven: "9", or "3 to 9" where scenarios differ."""
+    counts = [len(response.points) for response in loops.responses]
+    low, high = min(counts, default=0), max(counts, default=0)
+    return f"{low}" if low == high else f"{low} to {high}"
+
+
+def _rows(loops: DrivenLoops, response: FamilyResponse) -> Iterator[MeasureRange]:
     name = response.scenario.name
     for word, kind in MEASURES.items():
-        if word == "switch_count" or (word == ACCELERATION and velocity_unit(unit) is None):
+        # a loop has no modes; an acceleration is that of a velocity
+        if (word == "switch_count" and not loops.second_mode) or (
+            word == ACCELERATION and velocity_unit(loops.units[0]) is None
+        ):
             continue
-        values = measure_values(response.measures, word, unit)
-        ranked = np.where(np.isnan(values), -math.inf, np.abs(values))
-        worst = spec.plant.describe(response.points[int(np.argmax(ranked))]) if len(values) > 1 else {}
+        values = measure_values(response.measures, word, loops.units[0])
+        ranked = np.where(np.isnan(values), math.inf, np.abs(values))
+        worst = loops.family.describe(response.points[int(np.argmax(ranked))]) if np.any(ranked != ranked[0]) else {}
         yield MeasureRange(
             name,
-            ", ".join(part for part in (name_and_unit(word)[0], _unit(spec, kind.unit)) if part != "1"),
+            ", ".join(part for part in (name_and_unit(word)[0], _unit(loops, kind.unit)) if part != "1"),
             _shown(values[0]),
             _shown(values.min()),
             _shown(values.max()),
@@ -70,11 +74,9 @@ def _rows(spec: DesignSpec, response: FamilyResponse) -> Iterator[MeasureRange]:
         name = ""
 
 
-def _unit(spec: DesignSpec, unit: str) -> str:
+def _unit(loops: DrivenLoops, unit: str) -> str:
     """The unit in the spec's own words, where it has some."""
-    if spec.digital is None:
-        return unit
-    for word, own in (("output unit", spec.digital.measurement_unit), ("control unit", spec.digital.output_unit)):
+    for word, own in zip(("output unit", "control unit"), loops.units, strict=True):
         unit = unit.replace(word, own.strip() or word)
     return unit.replace("^2", "²").replace(" squared", "²").replace(" times ", " ")
 

@@ -3,6 +3,7 @@
   if (!window.Bokeh || !window.IntersectionObserver) {
     return;
   }
+  Bokeh.logger.set_level("error");
   // Bokeh's buttons are reached by the keyboard; this tells screen readers that they are buttons
   function name_buttons(node) {
     if (node.title && /Button/.test(node.className)) {
