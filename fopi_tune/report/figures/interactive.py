@@ -97,8 +97,7 @@ def _draw_line(axes: Axes, panel: Any, line: Line2D) -> Any:
         panel.add_layout(Span(location=float(y[0] if across else x[0]), dimension="width" if across else "height",
                               line_color=colour, line_width=width, line_dash=dash))  # fmt: skip
         return None
-    label = str(line.get_label())
-    name = "" if label.startswith(_UNNAMED) else label
+    name = _name_of(line)
     marker = _MARKERS.get(str(line.get_marker()))
     drawn = None
     if line.get_linestyle() not in ("None", "none", ""):
@@ -118,13 +117,12 @@ def _draw_areas(axes: Axes, panel: Any) -> None:
             face, edge = patch.get_facecolor(), patch.get_edgecolor()
             face, edge = (np.atleast_2d(each)[0] if len(each) else (0.0, 0.0, 0.0, 0.0) for each in (face, edge))
             width = float(np.atleast_1d(patch.get_linewidth())[0])
-            label = str(patch.get_label())
             panel.patch(
                 _short(x), _short(y), fill_color=_colour(face[:3]), fill_alpha=float(face[3]),
                 line_color=_colour(edge[:3]), line_alpha=float(edge[3]) if width else 0.0, line_width=width,
                 line_dash="solid" if hatch else _dash_of_patch(patch),
                 hatch_pattern=_hatch(hatch), hatch_color=_colour(edge[:3]), hatch_alpha=0.5, hatch_weight=0.6,
-                name="" if label.startswith(_UNNAMED) else label,
+                name=_name_of(patch),
             )  # fmt: skip
 
 
@@ -144,7 +142,7 @@ def _outlines(axes: Axes, patch: Any) -> Iterator[tuple[Array, Array]]:
 
 def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
     """The names of lines and bands below the last panel; a click, or Enter, hides what has the name in every panel."""
-    from bokeh.models import Legend, LegendItem
+    from bokeh.models import ColumnDataSource, Legend, LegendItem
 
     named: dict[str, list[Any]] = {}
     for panel in panels:
@@ -152,11 +150,22 @@ def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
             if renderer.name:
                 named.setdefault(str(renderer.name), []).append(renderer)
     if named:
+        for found in named.values():
+            if not any(each in panels[-1].renderers for each in found):
+                # a legend shows only what is drawn in its own panel: here without any point
+                nowhere = ColumnDataSource({"x": [float("nan")] * 2, "y": [float("nan")] * 2})
+                found.append(panels[-1].add_glyph(nowhere, found[0].glyph.clone()))
         items = [LegendItem(label=name, renderers=found) for name, found in named.items()]
         # one below the other: side by side they would not fit a narrow screen
         panels[-1].add_layout(Legend(items=items, click_policy="hide", location="left"), "below")
         if panels[-1].height is not None:
             panels[-1].height += _LABELS + _LEGEND_LINE * len(items)
+
+
+def _name_of(artist: Any) -> str:
+    """Its name in the legend; empty without."""
+    label = artist.get_label()
+    return "" if label is None or str(label).startswith(_UNNAMED) else str(label)
 
 
 def _stepped(x: Array, y: Array) -> tuple[Array, Array]:
