@@ -32,7 +32,7 @@ class RenderedFigure:
         svg: to be embedded in HTML.
         svg_file: the content of an SVG file.
         png: the content of a PNG file.
-        live: the JSON of the same for the pointer.
+        live: the JSON of the same for the pointer; empty without.
     """
 
     name: str
@@ -98,8 +98,9 @@ def render_template(template: str, values: Mapping[str, Any]) -> str:
         for key, value in values.items()
         if isinstance(value, list) and value and isinstance(value[0], RenderedFigure)
     }
-    library = plot_library() if figures else ""
-    scripts = {"slider_script": slider, "live_script": live if figures else "", "plot_library": library}
+    shown = any(each["live"] for drawn in figures.values() for each in drawn)
+    library = plot_library() if shown else ""
+    scripts = {"slider_script": slider, "live_script": live if shown else "", "plot_library": library}
     hashes = " ".join(f"'{_digest(script)}'" for script in scripts.values() if script)
     own = {name: Markup(script) for name, script in scripts.items()}
     own |= {"script_hashes": Markup(hashes), "style": Markup(style)}

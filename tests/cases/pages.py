@@ -20,12 +20,22 @@ class Page(HTMLParser):
         self.ids: list[str] = []
         self.attributes: list[tuple[str, str]] = []
         self.text: list[str] = []
+        #: addresses that a browser asks for by itself, and links that leave the folder; names of elements are neither
+        self.asked: list[str] = []
         self.feed(text)
         self.close()
+
+    @property
+    def figures_scripts(self) -> int:
+        """Scripts that figures need: the data of each, the library, and what shows them."""
+        drawn = sum(name == "data-live" for name, _ in self.attributes)
+        return drawn + 2 if drawn else 0
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags[tag] += 1
         self.attributes += [(name, value or "") for name, value in attrs]
+        addresses = [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
+        self.asked += [each for each in addresses if not each.startswith("#") and (tag != "a" or ":" in each)]
         self.ids += [value or "" for name, value in attrs if name == "id"]
         if tag not in VOID:
             self.open.append(tag)

@@ -21,4 +21,4 @@ def drawn_alone(picture: Picture) -> tuple[str, bytes, str]:
     picture.draw(Figure(figsize=picture.size_inches))
     title, description = (escape(words, quote=False) for words in (picture.title, picture.description))
     svg = f'<svg xmlns="http://www.w3.org/2000/svg"><title>{title}</title><desc>{description}</desc></svg>\n'
-    return svg, b"\x89PNG\r\n\x1a\n" + title.encode("utf-8", "replace"), "{}"
+    return svg, b"\x89PNG\r\n\x1a\n" + title.encode("utf-8", "replace"), ""

@@ -30,6 +30,7 @@ from fopi_tune.report.documents import documents_of, documents_of_run
 from fopi_tune.report.html import report_files
 from fopi_tune.report.study_page import study_page_files
 from fopi_tune.report.system_page import system_report_files
+from fopi_tune.report.words import name_and_unit
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.model import Sense
 from fopi_tune.study.model import BestRule
@@ -167,7 +168,8 @@ def test_every_uncertain_number_can_be_chosen_and_moved(
     with Visit(browser, tmp_path / "report.html", text) as visit:
         usual = visit.curves()
         for index, name in enumerate(spec.plant.uncertain_names):
-            visit.page.select_option("#number", name)
+            called, unit = name_and_unit(name)
+            visit.page.select_option("#number", label=called)
             first, last, nominal = data["places"][index]
             # the nominal plant, whichever number is to be moved
             assert visit.curves() == usual
@@ -175,7 +177,7 @@ def test_every_uncertain_number_can_be_chosen_and_moved(
             for key, place, end in (("Home", first, spec.plant.low), ("End", last, spec.plant.high)):
                 visit.page.focus("#slider")
                 visit.page.keyboard.press(key)
-                label = f"{name} = {float(end[index]):.4g}"
+                label = f"{called} = {float(end[index]):.4g}{unit}"
                 assert visit.page.inner_text("#slider-value") == data["labels"][place] == label
                 assert visit.page.inner_text("#slider-first" if key == "Home" else "#slider-last") == label
                 assert visit.curves() == [data["curves"][each][place] for each in CURVES]
@@ -238,19 +240,91 @@ def test_print_leaves_the_slider_out_and_every_figure_in(browser: Any, tmp_path:
         assert not visit.page.locator("#slider").is_visible()
         # what moves is left out; its curves at the nominal plant are in the figures too
         shown = [figure.is_visible() for figure in visit.page.locator("figure").all()]
-        assert shown == [False] + [True] * 6
+        assert shown == [True, False] + [True] * 6
         assert visit.page.pdf(format="A4").startswith(b"%PDF")
 
 
 @pytest.mark.parametrize(
-    ("make", "pictures"), [(brake_page, 10), (comparison_page, 4), (system_page, 2), (study_page, 2)]
+    ("make", "pictures"), [(brake_page, 11), (comparison_page, 4), (system_page, 2), (study_page, 2)]
 )
 def test_a_screen_reader_is_told_of_every_figure(browser: Any, tmp_path: Path, make: Any, pictures: int) -> None:
     with Visit(browser, tmp_path / "page.html", make()) as visit:
-        told = re.findall(r"""^\s*- '?img "(.*?)"'?:""", visit.page.locator("body").aria_snapshot(), re.MULTILINE)
-        # the slider's four panels and six figures; four figures; an orbit and a region
+        told = re.findall(
+            r"""^\s*- '?(?:img|group) "(.*?)"'?:""", visit.page.locator("body").aria_snapshot(), re.MULTILINE
+        )
+        # the slider's four panels and seven figures; four figures; an orbit and a region
         assert len(told) == pictures
         assert all(len(words) > 40 for words in told)
         if make is brake_page:
-            assert visit.page.get_by_role("slider").get_attribute("aria-valuetext") == "time_constant_s = 2.25"
-            assert visit.page.get_by_label(re.compile("^Slide from time_constant_s = 1.6")).count() == 1
+            assert (
+                visit.page.get_by_role("slider").get_attribute("aria-valuetext")
+                == "time constant = 2.25\N{NO-BREAK SPACE}s"
+            )
+            assert visit.page.get_by_label(re.compile("^Slide from time constant = 1.6")).count() == 1
+
+
+#: what every range of the page's layouts shows
+RANGES = """() => Object.values(Bokeh.index.roots || Bokeh.index).flatMap((view) =>
+  [...view.model.document._all_models.values()].filter((model) => model.type === "Range1d")
+    .map((range) => [range.start, range.end]))"""
+#: the button of a name, wherever its shadow is
+FOCUS = """(name) => {
+  const find = (node) => {
+    if (node.getAttribute && node.getAttribute("aria-label") === name && node.getAttribute("role") === "button") {
+      return node;
+    }
+    const below = [...node.children, ...(node.shadowRoot ? node.shadowRoot.children : [])];
+    for (const each of below) {
+      const found = find(each);
+      if (found) { return found; }
+    }
+    return null;
+  };
+  const button = find(document.getElementById("live-bode"));
+  button.focus();
+  return button.tabIndex;
+}"""
+
+
+def see_figure(visit: Visit, name: str) -> None:
+    visit.page.locator(f"#live-{name}").evaluate("each => each.parentElement.scrollIntoView()")
+    visit.page.locator(f"figure.shown #live-{name}").wait_for(state="attached")
+
+
+def test_keys_zoom_a_figure_and_reset_it(browser: Any, tmp_path: Path) -> None:
+    with Visit(browser, tmp_path / "report.html", brake_page()) as visit:
+        see_figure(visit, "bode")
+        before = visit.page.evaluate(RANGES)
+        assert visit.page.evaluate(FOCUS, "Zoom In") == 0
+        visit.page.keyboard.press("Enter")
+        zoomed = visit.page.evaluate(RANGES)
+        assert any(abs(b - a) < abs(d - c) for (a, b), (c, d) in zip(zoomed, before, strict=True))
+        visit.page.evaluate(FOCUS, "Reset")
+        visit.page.keyboard.press("Enter")
+        assert visit.page.evaluate(RANGES) == before
+        assert (visit.said, visit.asked) == ([], [visit.address])
+
+
+def test_figures_are_there_without_scripts(browser: Any, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(brake_page(), encoding="utf-8")
+    page = browser.new_context(java_script_enabled=False).new_page()
+    page.goto(path.as_uri())
+    assert page.locator("figure .still svg").count() == 7
+    assert all(each.is_visible() for each in page.locator("figure .still svg").all())
+    page.close()
+
+
+@pytest.mark.thinned(2)
+@pytest.mark.parametrize("make", [brake_page, comparison_page, system_page, study_page])
+def test_pages_have_no_serious_violation_of_accessibility(browser: Any, tmp_path: Path, make: Any) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+    # axe is a script of its own, which the page's policy would stop
+    text = re.sub(r"<meta http-equiv[^>]*>", "", make())
+    with Visit(browser, tmp_path / "page.html", text) as visit:
+        for figure in visit.page.locator("figure[data-live]").all():
+            figure.scroll_into_view_if_needed()
+        visit.page.wait_for_function("document.querySelectorAll('figure[data-live]:not(.shown)').length === 0")
+        found = axe.Axe().run(visit.page).response["violations"]
+        serious = [each for each in found if each["impact"] in ("serious", "critical")]
+        assert [(each["id"], [node["html"] for node in each["nodes"]]) for each in serious] == []

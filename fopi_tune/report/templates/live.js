@@ -20,6 +20,8 @@
     var item = JSON.parse(figure.querySelector("script").textContent);
     Bokeh.embed.embed_item(item, live.id).then(function () {
       figure.classList.add("shown");
+      live.setAttribute("role", "group");
+      live.setAttribute("aria-label", figure.dataset.live);
       name_buttons(live);
     });
   }
