@@ -47,6 +47,8 @@ def models(value: Any) -> Iterator[dict[str, Any]]:
 def column(model: dict[str, Any], name: str) -> np.ndarray:
     entries = dict(model["attributes"]["data"]["entries"])
     said = entries[name]
+    if isinstance(said, list):
+        return np.array(said, dtype=float)
     return np.frombuffer(gzip.decompress(base64.b64decode(said["array"]["data"])), dtype=said["dtype"])
 
 
