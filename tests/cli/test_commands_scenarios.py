@@ -88,7 +88,7 @@ def test_a_design_is_what_was_asked_for(folder: Path) -> None:
     assert acceleration["multiplier"] == pytest.approx(38.22, rel=0.01)
     assert (rise["multiplier"], rise["worst"]["time_s"]) == (0.0, None)
     page = Path("results/stop/report.html").read_text(encoding="utf-8")
-    assert "acceleration_m_s2" in page
+    assert "acceleration ≤ 2" in page
     assert "10000 of 10000 drawn plants meet it" in page
     assert "one requirement on scenarios: checked by simulation" in " ".join(page.split())
 

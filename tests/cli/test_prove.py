@@ -74,13 +74,16 @@ def test_the_report_of_a_system_is_made_from_its_certificate(tmp_path: Path) -> 
     assert (made.exit_code, made.stdout.strip()) == (0, str(out / "system_report.html"))
     page = (out / "system_report.html").read_text(encoding="utf-8")
     assert "cycles. A periodic orbit is named" in page
-    assert sorted(each.name for each in (out / "figures").iterdir()) == [
-        "orbit.png", "orbit.svg", "region.png", "region.svg",
+    assert "The loops as they run" in page
+    assert sorted({each.stem for each in (out / "figures").iterdir()}) == [
+        "orbit", "region", "scenario_1", "scenario_2", "scenario_3",
     ]  # fmt: skip
-    # from the folder alone, too
+    # from the folder alone, which has no system to simulate
     (out / "system_report.html").unlink()
     assert fopi("report", str(out), "--quiet").exit_code == 0
-    assert (out / "system_report.html").read_text(encoding="utf-8") == page
+    alone = (out / "system_report.html").read_text(encoding="utf-8")
+    assert "cycles. A periodic orbit is named" in alone
+    assert "The loops as they run" not in alone
     other = fopi("report", car(tmp_path, "reset"), "--out", str(out), "--quiet")
     assert other.exit_code == 2
     assert "is of another system" in other.stderr
@@ -88,6 +91,28 @@ def test_the_report_of_a_system_is_made_from_its_certificate(tmp_path: Path) -> 
     document = json.loads(certificate.read_text(encoding="utf-8"))
     certificate.write_text(json.dumps({**document, "hysteresis": 0.6}), encoding="utf-8")
     assert "make it again with `fopi prove`" in fopi("report", file, "--out", str(out), "--quiet").stderr
+
+
+def test_the_report_of_a_system_has_what_was_simulated_and_drawn(tmp_path: Path) -> None:
+    file, out = car(tmp_path, "held"), tmp_path / "out"
+    assert fopi("simulate", file, "--out", str(out), "--quiet").exit_code in (0, 1)
+    assert fopi("report", file, "--out", str(out), "--quiet").exit_code == 0
+    page = (out / "system_report.html").read_text(encoding="utf-8")
+    assert "Simulated, not proved" in page
+    nominal = {
+        each["name"]: each["measures"] for each in json.loads((out / "simulation.json").read_text())["scenarios"]
+    }
+    for measures in nominal.values():
+        assert f'<td class="number">{measures["iae"]:.4g}</td>' in page
+    assert "drawn at random" not in page
+    fopi("validate", file, "--samples", "40", "--out", str(out), "--quiet")
+    assert fopi("report", file, "--out", str(out), "--quiet").exit_code == 0
+    page = (out / "system_report.html").read_text(encoding="utf-8")
+    joint = json.loads((out / "evidence.json").read_text(encoding="utf-8"))["joint_yield"]
+    assert "Simulated and drawn, not proved" in page
+    assert f"{100.0 * joint['met'] / joint['total']:g} %" in page
+    # gains of another text of the system are not shown
+    assert fopi("report", car(tmp_path, "reset"), "--out", str(out), "--quiet").exit_code == 2
 
 
 def test_a_spec_with_output_limits_says_whether_it_is_stable_with_them(tmp_path: Path) -> None:

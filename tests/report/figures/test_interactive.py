@@ -48,7 +48,7 @@ def column(model: dict[str, Any], name: str) -> np.ndarray:
     entries = dict(model["attributes"]["data"]["entries"])
     said = entries[name]
     if isinstance(said, list):
-        return np.array(said, dtype=float)
+        return np.zeros(0)  # of a legend's entry alone: no number
     return np.frombuffer(gzip.decompress(base64.b64decode(said["array"]["data"])), dtype=said["dtype"])
 
 
