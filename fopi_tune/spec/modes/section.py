@@ -205,13 +205,11 @@ def _problem(spec: DesignSpec) -> str | None:
     if isinstance(spec.plant, MeasuredFamily):
         return "a mode's plant is simulated, which a measured response cannot be; write its transfer function"
     numerator, denominator, _ = spec.plant.assemble({})
-    if spec.plant.dead_time.max > 0.0:
-        return "a mode's plant has no dead time in this version; write it as delay_samples, in samples of this spec"
     if len(denominator) < 2:
         return "a mode's plant is of first order or higher: its output must not jump; write a lag with a short time"
-    if len(numerator) != 1:
+    if len(numerator) == len(denominator):
         return (
-            "a mode's plant has no zeros in this version: at a change of the mode its output and derivatives go on, "
-            "which a step of the control behind a zero breaks; write one without, such as its dominant lags"
+            "a mode's plant has fewer zeros than poles: as many make the output jump with the control, also at a change "
+            "of the mode; add the short lag of its actuator or sensor to the denominator"
         )
     return None
