@@ -16,7 +16,7 @@ from tests.pipeline.test_systems_examples import part_of, written
 DUCT = ROOT / "systems" / "examples" / "duct.yaml"
 LINES = (
     "hysteresis: 0.3", "to_lower_above: 0.6\n  to_raise_below: -0.4\n  coast: true",
-    "to_lower_above: {absolute: 5.5}\n  to_raise_below: -0.2\n  min_dwell_s: 0.6",
+    "to_lower_above: 0.4\n  to_raise_below: {absolute: 0.8}\n  min_dwell_s: 0.6",
 )  # fmt: skip
 
 
@@ -87,10 +87,11 @@ def test_drawn_pairs_are_replayed_with_their_own_dead_times() -> None:
 
 
 def test_nothing_arrives_before_the_dead_time() -> None:
-    # 3.3 s of 0.5 s: the first control that moves the output within a sample is that of the seventh
+    # the control of the sample at 0.5 s, the first one with an error, is there at 3.8 s
     y = ft.simulate_system(DUCT).driven[0].traces.output[0]
-    assert np.all(y[:8] == 0.0)
-    assert y[8] > 0.0
+    assert np.all(y[:7] == 0.0)
+    assert y[7] < 1e-9
+    assert y[8] > 1e-3
 
 
 def test_continuous_time_names_the_dead_time() -> None:
@@ -106,3 +107,21 @@ def test_a_certificate_names_what_it_does_not_model() -> None:
 
 def test_the_code_of_both_controllers_needs_no_plant() -> None:
     assert "fopi_duct_f64.c" in ft.discretize_system(DUCT).code()
+
+
+@pytest.mark.long
+def test_gains_of_a_mode_with_a_dead_time_are_designed(tmp_path: Path) -> None:
+    for name in ("duct.yaml", "duct_heater.yaml", "duct_cooler.yaml"):
+        (tmp_path / name).write_text((DUCT.parent / name).read_text())
+    path = tmp_path / "duct.yaml"
+    text = path.read_text().replace("gains: {kp: 0.04, ki: 0.008, alpha: 1}, ", "")
+    design = "tune: [cooler]\nobjective: {minimize: iae}\nrequirements: [{overshoot: {at_most: 6}}]\n"
+    path.write_text(text + design)
+    spec = tmp_path / "duct_cooler.yaml"
+    ranges = "controller: {kp: {min: 0, max: 0.3}, ki: {min: 0.0001, max: 0.1}, alpha: {min: 0.5, max: 1.3}}\n"
+    spec.write_text(spec.read_text() + ranges)
+    found = ft.tune_system(path)
+    assert found.status.value == "solved"
+    assert found.gains is not None
+    before = ft.simulate_system(DUCT).driven[0].measures["iae"]
+    assert ft.simulate_system(path, found.gains).driven[0].measures["iae"] < before

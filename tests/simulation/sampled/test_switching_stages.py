@@ -296,8 +296,8 @@ def test_zeros_and_dead_times_of_the_modes_own_are_the_same_in_both_runs(dead: t
 def test_a_standstill_behind_a_dead_time_is_the_same_in_both_runs() -> None:
     levels = np.concatenate([np.linspace(6.0, 0.0, 40), np.zeros(40), np.linspace(0.0, 5.0, 40)])
     load = np.where(np.arange(STEPS) < 60, -0.35, 0.1)
-    hybrid = driven(COASTING, InactiveController.RESET).hybrid or Hybrid(0.0)
-    for hold in ((1.2, 0.3), (-np.inf, 0.2)):
+    hybrid = driven(0.2, InactiveController.RESET).hybrid or Hybrid(0.0)
+    for hold in ((1.2, 0.3), (1.2, -np.inf)):
         scenario = Scenario(
             TS, Signals(levels, load), start=Start(6.0, InitialInput.FREE),
             hybrid=dataclasses.replace(hybrid, hold_below=hold),
