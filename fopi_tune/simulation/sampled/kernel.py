@@ -15,7 +15,13 @@ import numpy as np
 from numba import njit
 
 from fopi_tune.core.compiled.kept import kept, sources
-from fopi_tune.simulation.sampled import controller_stages, noise_vectors, plant_stages, segment_stages, switching_stages
+from fopi_tune.simulation.sampled import (
+    controller_stages,
+    noise_vectors,
+    plant_stages,
+    segment_stages,
+    switching_stages,
+)
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,

@@ -171,7 +171,9 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
     parts = _parts(samples, delay_samples)
     scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
     arrivals = _arrivals(a, parts, scale, rate_state, rate_input)
-    return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals, a, sample_time_s)
+    return DiscretePlants(
+        control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals, a, sample_time_s
+    )
 
 
 def _resting(m: int, order: int, output: float) -> Array:

@@ -49,8 +49,8 @@ class _ReferenceLoop:
     """The state of one loop from sample to sample."""
 
     def __init__(
-        self, controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, row: int, index: int,
-        segments: Segments | None,
+        self, controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, row: int,
+        index: int, segments: Segments | None,
     ) -> None:  # fmt: skip
         self.segments, self.sent = segments, -1
         self.controllers, self.plants, self.scenario, self.row = controllers, plants, scenario, row

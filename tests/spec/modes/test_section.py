@@ -48,6 +48,10 @@ def test_a_feed_forward_is_understood_as_meant(tmp_path: Path, words: str, fed: 
     [
         ("feedforward: {}", "system.heater.feedforward: nothing is fed forward; write static_gain, rate_gain, or both"),
         ("feedforward: inverse", "system.heater.feedforward: 'inverse' is not known here"),
+        (
+            "feedforward: bumpless",
+            "system.heater.feedforward: 'bumpless' is not known here; write inverse_of_nominal_lag, or the gains as {st",
+        ),
         ("feedforward: {static_gian: 1}", "system.heater.feedforward.static_gian"),
     ],
 )
@@ -141,7 +145,11 @@ def test_zeros_and_dead_times_are_understood_as_meant(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("plant", "words", "said"),
     [
-        ("{model: transfer_function, numerator: [1, 20], denominator: [2, 5]}", "", "has fewer zeros than poles: as many"),
+        (
+            "{model: transfer_function, numerator: [1, 20], denominator: [2, 5]}",
+            "",
+            "has fewer zeros than poles: as many",
+        ),
         (
             "{model: transfer_function, numerator: [20], denominator: [2, 5, 1]}",
             "standstill: {hold_below_per_s: 1}",
