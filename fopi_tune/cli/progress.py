@@ -81,9 +81,8 @@ def _lines() -> ProgressCallback:
         failed = f", {counts.failed} failed" if counts.failed else ""
         speed = f", {rate:.2g} cells/s" if rate is not None else ""
         rest = f", {_duration(left)} left" if left is not None and counts.left else ""
-        say(
-            f"{counts.done + counts.failed} of {counted(counts.total, 'cell')}{failed}{_cost_phrase(counts)}{speed}{rest}"
-        )
+        told = f"{counts.done + counts.failed} of {counted(counts.total, 'cell')}"
+        say(f"{told}{failed}{_cost_phrase(counts)}{speed}{rest}")
 
     return update
 

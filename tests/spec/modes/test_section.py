@@ -50,7 +50,7 @@ def test_a_feed_forward_is_understood_as_meant(tmp_path: Path, words: str, fed: 
         ("feedforward: inverse", "system.heater.feedforward: 'inverse' is not known here"),
         (
             "feedforward: bumpless",
-            "system.heater.feedforward: 'bumpless' is not known here; write inverse_of_nominal_lag, or the gains as {st",
+            "system.heater.feedforward: 'bumpless' is not known here; write inverse_of_nominal_lag, or the gains",
         ),
         ("feedforward: {static_gian: 1}", "system.heater.feedforward.static_gian"),
     ],
