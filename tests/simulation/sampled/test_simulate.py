@@ -739,7 +739,7 @@ def scenario_of(**changes: object) -> Scenario:
             "more than 10,000 samples long; take a longer",
         ),
         (
-            [Mode(THROTTLE, random_plants(2, 1, 0, late=False)), Mode(BRAKE, brake_plants(1))],
+            [Mode(THROTTLE, random_plants(2, 1, 0, direct=True, late=False)), Mode(BRAKE, brake_plants(1))],
             scenario_of(hybrid=Hybrid(0.1)),
             "without direct path",
         ),
