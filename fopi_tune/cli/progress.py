@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from fopi_tune.cli.output import say
+from fopi_tune.core.text_tables.table import counted
 
 if TYPE_CHECKING:
     from fopi_tune.study.ledger import Counts
@@ -80,7 +81,8 @@ def _lines() -> ProgressCallback:
         failed = f", {counts.failed} failed" if counts.failed else ""
         speed = f", {rate:.2g} cells/s" if rate is not None else ""
         rest = f", {_duration(left)} left" if left is not None and counts.left else ""
-        say(f"{counts.done + counts.failed} of {counts.total} cells{failed}{_cost_phrase(counts)}{speed}{rest}")
+        told = f"{counts.done + counts.failed} of {counted(counts.total, 'cell')}"
+        say(f"{told}{failed}{_cost_phrase(counts)}{speed}{rest}")
 
     return update
 

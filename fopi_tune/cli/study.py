@@ -20,6 +20,7 @@ from fopi_tune.cli.output import (
     write_file,
 )
 from fopi_tune.cli.progress import ProgressStyle, progress_display
+from fopi_tune.core.text_tables.table import counted
 from fopi_tune.errors import DomainError, FopiError, SpecError
 
 # Solvers and Dask are imported where they are needed, so that errors in a study are reported quickly.
@@ -129,7 +130,7 @@ def study(
 def _load_study(file: str, force: bool, options: _StudyOptions) -> Study:
     from fopi_tune.study.load import load_study
 
-    return load_study(file, force, told=lambda count: options.note(f"{file}: {count} cells"))
+    return load_study(file, force, told=lambda count: options.note(f"{file}: {counted(count, 'cell')}"))
 
 
 def _list_cells(loaded: Study, options: _StudyOptions) -> Exit:
@@ -215,7 +216,7 @@ def _print_failures(result: StudyResult, options: _StudyOptions) -> None:
     for index, label, reason in result.failures[:_MOST_FAILURES]:
         say(f"cell {index + 1} ({label}) failed: {reason}")
     if len(result.failures) > _MOST_FAILURES:
-        say(f"{len(result.failures) - _MOST_FAILURES} more cells failed; the table has their reasons")
+        say(f"{counted(len(result.failures) - _MOST_FAILURES, 'more cell')} failed; the table has the reasons")
     if len(result.failures) == result.counts.total:
         return  # columns are empty for that reason
     for name in result.table.empty:
@@ -258,6 +259,6 @@ def _print_status(folder: str, as_json: bool) -> Exit:
         told = {"total": counts.total, "done": counts.done, "failed": counts.failed, "left": counts.left}
         document = {"schema": 1, "name": name, "cells": told, "cell_seconds": seconds, "failures": failed}
         return max(code, print_out(to_json(document)))
-    words = f"{name}: {counts.done} of {counts.total} cells done, {counts.failed} failed, {counts.left} left"
+    words = f"{name}: {counts.done} of {counted(counts.total, 'cell')} done, {counts.failed} failed, {counts.left} left"
     lines = [words, *(f"cell {index + 1} ({label}) failed: {reason}" for index, label, reason in failures)]
     return max(code, print_out("\n".join(lines)))

@@ -11,6 +11,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.scenario_results import (
     continuous_result,
     plant_point,
@@ -125,10 +126,12 @@ def refuse_system_simulation(
     refuse_accuracy(accuracy, exact)
     refuse_unknown_modes(system, gains or {})
     point = plant_point(system.family, override_validation(system.validation, samples, seed), plant, replay)
-    rates = [mode.spec.digital.output_rate_per_s for mode in system.modes if mode.spec.digital is not None]
+    for mode in system.modes if exact else ():
+        if mode.spec.digital is not None and mode.spec.digital.output_rate_per_s is not None:
+            raise DomainError(f"{mode.name}: output_rate_per_s belongs to the loop on samples; leave it or --exact out")
     for each in select_scenarios(system.scenarios, scenario):
         if exact:
-            refuse_samples_only(each, any(rate is not None for rate in rates))
+            refuse_samples_only(each, limits_rate=False)
             refuse_what_is_sampled(system, each)
         for mode, family_point in zip(system.modes, _points(system, point), strict=True):
             refuse_start(each, Plants.members(mode.spec.plant, family_point[None, :]), system.sample_time_s)

@@ -72,12 +72,12 @@ def limit_records(names: Collection[str]) -> dict[str, Record]:
 
 
 def _scenario_shape() -> Record:
-    knots = ListOf("values from a time on", _knot_shape(), 1, MAX_KNOTS)
+    knots, load = (ListOf("values from a time on", _knot_shape(), least, MAX_KNOTS) for least in (1, 0))
     keys = {
         "name": Key(Text("name of the scenario", _NAME_PATTERN, _NAME_RULE)),
         "duration_s": Key(Number("how long it lasts, s", above=0)),
         "reference": Key(knots),
-        "load": Key(knots, required=False),
+        "load": Key(load, required=False),
         "initial_output": Key(Number("output at the start, in its unit"), required=False),
         "before": Key(Choice("what the plant's input was before", ("rest", "free")), required=False),
         "bumpless": Key(Choice("whether the controller starts at that input", ("no", "yes")), required=False),

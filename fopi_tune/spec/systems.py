@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -45,17 +46,18 @@ def is_system(place: Place) -> bool:
     return place.has(SYSTEM)
 
 
-def system_shape(names: tuple[str, str] | None = None) -> Record:
+def system_shape(names: tuple[str, str] | None = None, written: Collection[str] = ()) -> Record:
     """The shape of a whole file; reads to the sections' values.
 
     Args:
         names: of both modes; None: any, for the schema.
+        written: keys of the section `system`, for what is told of those that are wrong.
     """
     keys = {
         "schema": Key(Version("version of the language", SCHEMA_VERSION)),
         "name": Key(Text("name of the system and of its results' folder", NAME_PATTERN, NAME_RULE)),
         "description": Key(Text("one sentence for people"), required=False),
-        SYSTEM: Key(modes_shape(names)),
+        SYSTEM: Key(modes_shape(names, written)),
         "scenarios": Key(scenarios_shape()),
         "limits": Key(limits_shape(), required=False),
         "requirements": Key(_requirements_shape(), required=False),
@@ -82,7 +84,8 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
         # the other sections' mistakes are told too
         _without_modes().read_partial(place)
         return None
-    values = system_shape(names or FAMILIAR).read_partial(place)
+    written = section.node.entries if isinstance(section.node, MappingNode) else ()
+    values = system_shape(names or FAMILIAR, written).read_partial(place)
     if values is None:
         return None
     requirements: list[PlacedLimit] = values.get("requirements") or []

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
+from fopi_tune.core.text_tables.table import counted
 from fopi_tune.spec.model import Sense
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
@@ -54,7 +55,7 @@ def find_best(rule: BestRule, records: Sequence[Mapping[str, Value]]) -> Best:
     if not any(each.column == _OUTCOME for each in conditions):
         ended = [each for each in records if each.get(_OUTCOME) in SUCCESS_STATUSES]
         if not ended:
-            return Best(rule, None, None, f"none of {len(records)} cells ends well")
+            return Best(rule, None, None, f"none of {counted(len(records), 'cell')} ends well")
     met = [each for each in ended if all(c.is_met(each.get(c.column)) for c in conditions)]
     if not met:
         return Best(rule, None, None, _why_none(conditions, ended))
@@ -67,7 +68,11 @@ def find_best(rule: BestRule, records: Sequence[Mapping[str, Value]]) -> Best:
         return Best(rule, None, None, f"no cell that meets the conditions has a number in the column {rule.column}")
     side = 1.0 if rule.sense is Sense.MINIMIZE else -1.0
     value, index = min(found, key=lambda each: (side * each[0], each[1]))
-    of = f"of {len(found)} cells that meet the conditions" if conditions else f"of {len(found)} cells"
+    of = (
+        f"of {counted(len(found), 'cell')} that {'meets' if len(found) == 1 else 'meet'} the conditions"
+        if conditions
+        else f"of {counted(len(found), 'cell')}"
+    )
     return Best(rule, index, float(value), of)
 
 
@@ -76,9 +81,9 @@ def _why_none(conditions: Sequence[Condition], records: Sequence[Mapping[str, Va
     counts = [(each, sum(each.is_met(record.get(each.column)) for record in records)) for each in conditions]
     never = [f"{each}{_nearest(each, records)}" for each, count in counts if not count]
     if never:
-        return f"none of {len(records)} cells has {' or '.join(never)}"
+        return f"none of {counted(len(records), 'cell')} has {' or '.join(never)}"
     told = ", ".join(f"{each} ({count} do)" for each, count in counts)
-    return f"none of {len(records)} cells meets all of {told}"
+    return f"none of {counted(len(records), 'cell')} meets all of {told}"
 
 
 def _nearest(condition: Condition, records: Sequence[Mapping[str, Value]]) -> str:

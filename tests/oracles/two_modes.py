@@ -7,6 +7,7 @@ x_k <- p_k (x_k + w_k g (u - v)) + r_k e.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,9 +16,12 @@ from scipy.linalg import expm
 
 @dataclass
 class Part:
-    """One mode: its plant K/(d_n s^n + ... + d_0), coefficients from d_n on, and its controller."""
+    """One mode: its plant (c_(n-1) s^(n-1) + ... + c_0)/(d_n s^n + ... + d_0), and its controller.
 
-    gain: float
+    Coefficients are given from the highest power on.
+    """
+
+    numerator: tuple[float, ...]
     denominator: tuple[float, ...]
     filter: dict[str, object]
     limits: tuple[float, float]
@@ -26,17 +30,31 @@ class Part:
     rate_gain: float = 0.0
     #: output unit per s: at 0 the output stays while it is driven by less
     hold_below: float = -np.inf
+    dead_time_s: float = 0.0
+    #: what was made of a time, for times that come again
+    steps: dict[float, np.ndarray] = field(default_factory=dict)
     x: np.ndarray = field(default_factory=lambda: np.zeros(0))
     last: float = 0.0
 
-    def moved(self, derivatives: np.ndarray, u: float, sample_time_s: float) -> np.ndarray:
-        """y, y', ... after a sample of one input; those that this plant does not have are 0."""
-        n = len(self.denominator) - 1
-        a = np.zeros((n + 1, n + 1))
-        a[: n - 1, 1:n] = np.eye(n - 1)
-        a[n - 1, :n] = -np.array(self.denominator[:0:-1]) / self.denominator[0]
-        a[n - 1, n] = self.gain / self.denominator[0]
-        after = expm(a * sample_time_s) @ np.append(derivatives[:n], u)
+    @property
+    def gain(self) -> float:
+        """What moves a plant of first order, output unit per s and unit of its input."""
+        return self.numerator[-1] / self.denominator[0]
+
+    def moved(self, derivatives: np.ndarray, u: float, time_s: float) -> np.ndarray:
+        """y, y', ... without an input, after a time of one input; those that this plant does not have are 0."""
+        n, key = len(self.denominator) - 1, round(time_s, 12)
+        if key not in self.steps:
+            a = np.zeros((n + 1, n + 1))
+            a[: n - 1, 1:n] = np.eye(n - 1)
+            a[n - 1, :n] = -np.array(self.denominator[:0:-1]) / self.denominator[0]
+            # by long division N/D = h_1/s + h_2/s^2 + ...: an impulse adds h_k to the derivative of the order k - 1
+            rest = np.append(np.zeros(n - len(self.numerator)), self.numerator)
+            for k in range(n):
+                a[k, n] = rest[0] / self.denominator[0]
+                rest = np.append(rest[1:], 0.0) - a[k, n] * np.array(self.denominator[1:])
+            self.steps[key] = expm(a * time_s)
+        after = self.steps[key] @ np.append(derivatives[:n], u)
         return np.append(after[:n], np.zeros(len(derivatives) - n))
 
     def begin(self) -> None:
@@ -111,7 +129,7 @@ def next_state(words: dict[str, object], names: tuple[str, str], state: int, y: 
 
 def drive(
     words: dict[str, object], parts: tuple[Part, Part], names: tuple[str, str], scenario: dict[str, object],
-    sample_time_s: float, delays: tuple[int, int] = (0, 0),
+    sample_time_s: float, delays: tuple[float, float] = (0, 0),
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Output and state at the samples.
 
@@ -121,8 +139,8 @@ def drive(
         names: of both.
         scenario: as it is written; before it there was no input but the one that held the plant.
         sample_time_s: Ts.
-        delays: of each mode, whole samples from a measurement to the new control, with which its plant arrives; of
-            those that have arrived the one that was sent last acts.
+        delays: of each mode, samples from a measurement to the new control, with which its plant arrives after the
+            plant's own dead time; of those that have arrived the one that was sent last acts.
     """
     count = round(scenario["duration_s"] / sample_time_s) + 1  # pyright: ignore
     time_s = sample_time_s * np.arange(count)
@@ -136,7 +154,7 @@ def drive(
     derivatives[0] = y
     state, plant, since, outputs, states, sent = 1, 0, 10**9, [], [], []
     rates = np.diff(reference, prepend=reference[0]) / sample_time_s
-    for r, rate, w in zip(reference, rates, load, strict=True):
+    for r, rate in zip(reference, rates, strict=True):
         before, since, applied = state, since + 1, 0.0 if state == 0 else parts[state - 1].last
         if since >= dwell:
             state = next_state(words, names, state, y, r)
@@ -157,15 +175,25 @@ def drive(
         outputs.append(y)
         states.append(state)
         sent.append((u, plant))
-        # what was sent earlier than the largest delay has arrived
-        late = sent[-1 - max(delays) :]
-        here = [each for k, each in enumerate(late) if len(late) - 1 - k >= delays[each[1]]]
-        acting, arrived = here[-1] if here else (0.0, 0)
-        own, u = parts[arrived], acting
-        stands, drive = own.hold_below > -np.inf, own.gain / own.denominator[0] * (u + w)
-        if not (stands and y <= 0.0 and drive < own.hold_below):
-            derivatives = own.moved(derivatives, u + w, sample_time_s)
-            if stands:
-                derivatives = np.maximum(derivatives, 0.0)
-            y = float(derivatives[0])
+        now = (len(sent) - 1) * sample_time_s
+        waits = [delay * sample_time_s + part.dead_time_s for delay, part in zip(delays, parts, strict=True)]
+        dead = [part.dead_time_s for part in parts]
+        # when something may arrive; a time that is none for rounding lasts nothing
+        cuts = sorted({0.0, sample_time_s, *(each % sample_time_s for each in (*waits, *dead))})
+        for begin, end in itertools.pairwise(cuts):
+            if end - begin < 1e-9 * sample_time_s:
+                continue
+            middle, arrived, acting = now + 0.5 * (begin + end), 0, 0.0
+            for k in range(len(sent) - 1, -1, -1):
+                if k * sample_time_s + waits[sent[k][1]] <= middle:
+                    acting, arrived = sent[k]
+                    break
+            own, place = parts[arrived], int(np.floor((middle - dead[arrived]) / sample_time_s))
+            drive = acting + (load[place] if place >= 0 else 0.0)
+            stands = own.hold_below > -np.inf
+            if not (stands and derivatives[0] <= 0.0 and own.gain * drive < own.hold_below):
+                derivatives = own.moved(derivatives, drive, end - begin)
+                if stands:
+                    derivatives = np.maximum(derivatives, 0.0)
+        y = float(derivatives[0])
     return np.array(outputs), np.array(states)

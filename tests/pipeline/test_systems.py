@@ -163,7 +163,6 @@ def test_mistakes_in_a_system_are_named(folder: Path, old: str, new: str, words:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("dead_time_s: 0.0", "dead_time_s: 0.1"), "no dead time in this version; write it as delay_samples"),
         (("sample_time_s: 0.2", "sample_time_s: 0.1"), "make them equal"),
         (("delay_samples: 0", "delay_samples: 0.5"), "those that differ are whole samples"),
         (("digital:", "description2:"), "cannot be used"),

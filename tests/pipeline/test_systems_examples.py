@@ -34,15 +34,15 @@ def number(value: object) -> float:
     return float(value["nominal"] if isinstance(value, dict) else value)  # pyright: ignore
 
 
-def part_of(mode: dict, spec: dict) -> Part:
+def part_of(mode: dict, spec: dict, folder: Path = FOLDER) -> Part:
     plant, gains = spec["plant"], mode["gains"]
     if plant["model"] == "lag":
-        gain, denominator = number(plant["static_gain"]), (number(plant["time_constant_s"]), 1.0)
+        numerator, denominator = (number(plant["static_gain"]),), (number(plant["time_constant_s"]), 1.0)
     elif plant["model"] == "pole":
-        gain, denominator = number(plant["gain"]), (1.0, plant["pole_rad_s"])
+        numerator, denominator = (number(plant["gain"]),), (1.0, plant["pole_rad_s"])
     else:
-        (gain,), denominator = map(number, plant["numerator"]), tuple(map(number, plant["denominator"]))
-    digital = load_spec(FOLDER / mode["spec"]).digital
+        numerator, denominator = (tuple(map(number, plant[key])) for key in ("numerator", "denominator"))
+    digital = load_spec(folder / mode["spec"]).digital
     assert digital is not None
     sections = sections_of(FoPi(gains["kp"], gains["ki"], gains["alpha"]), digital)
     own = Runtime.of(sections, Precision.FLOAT64, tuple(mode["output_limits"]))
@@ -50,10 +50,11 @@ def part_of(mode: dict, spec: dict) -> Part:
         "direct": own.direct, "poles": own.poles, "residues": own.residues, "weights": own.weights,
         "tracking_gain": own.tracking_gain, "integrates": own.has_integrator,
     }  # fmt: skip
-    part = Part(gain, denominator, filter_of, own.limits, mode.get("output_rate_per_s", np.inf))
+    part = Part(numerator, denominator, filter_of, own.limits, mode.get("output_rate_per_s", np.inf))
+    part.dead_time_s = number(plant.get("dead_time_s", 0.0))
     fed = mode.get("feedforward", {})
     if fed == "inverse_of_nominal_lag":
-        fed = {"static_gain": denominator[1] / gain, "rate_gain": denominator[0] / gain}
+        fed = {"static_gain": denominator[1] / numerator[0], "rate_gain": denominator[0] / numerator[0]}
     part.static_gain, part.rate_gain = fed.get("static_gain", 0.0), fed.get("rate_gain", 0.0)
     part.hold_below = mode.get("standstill", {}).get("hold_below_per_s", -np.inf)
     return part

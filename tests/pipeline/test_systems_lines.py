@@ -235,3 +235,16 @@ def test_delays_of_their_own_are_driven_drawn_and_named_where_they_are_not_model
     page = system_report_files(certificate)["system_report.html"]
     assert isinstance(page, str)
     assert "0 in the heater and 3 in the fan" in page
+
+
+def test_an_empty_load_is_none(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("duration_s: 40,", "duration_s: 40, load: [],"))
+    assert load_system(path).scenarios[0].load == ()
+
+
+def test_continuous_time_names_the_mode_whose_rate_is_limited(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("output_limits: [-1, 0]", "output_limits: [-1, 0], output_rate_per_s: 1"))
+    with pytest.raises(DomainError, match="fan: output_rate_per_s belongs to the loop on samples"):
+        ft.simulate_system(path, exact=True)

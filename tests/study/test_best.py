@@ -111,7 +111,7 @@ def test_why_there_is_none_is_told_by_the_conditions_names() -> None:
         "no cell that meets the conditions has a number in the column c"
     )
     assert find_best(BestRule(Sense.MINIMIZE, "a"), [{"cell": 1, "outcome": "failed", "a": 1}]).message == (
-        "none of 1 cells ends well"
+        "none of 1 cell ends well"
     )
 
 

@@ -193,7 +193,7 @@ def reasons_by_formula(system: SystemSpec) -> Iterator[str]:
     lowering = system.modes[1]
     digital = lowering.spec.digital
     limits = (-np.inf, np.inf) if digital is None or digital.output_limits is None else digital.output_limits
-    if limits[1] > 0.0:
+    if limits[1] > 0.0 or lowering.spec.plant.dead_time.max > 0.0 or len(lowering.spec.plant.assemble({})[1]) != 2:
         return
     held = discretize_plants(Plants.members(lowering.spec.plant, lowering.spec.plant.corners()), system.sample_time_s)
     if not np.all(held.rate_input > 0.0):

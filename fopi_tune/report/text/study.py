@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
+from fopi_tune.core.text_tables.table import counted
 from fopi_tune.spec.model import Sense
 from fopi_tune.study import StudyResult
 from fopi_tune.study.model import Value
@@ -46,7 +47,7 @@ def study_text(result: StudyResult, file: str) -> Text:
         file: where the whole table is.
     """
     counts, table = result.counts, result.table
-    told = [f"{counts.done} of {counts.total} cells done"]
+    told = [f"{counts.done} of {counted(counts.total, 'cell')} done"]
     told += [f"{counts.failed} failed"] if counts.failed else []
     told += [f"{table.undecided} undecided"] if table.undecided else []
     lines = [f"{result.study.name}: {', '.join(told)}."]

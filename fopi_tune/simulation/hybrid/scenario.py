@@ -94,6 +94,11 @@ def refuse_what_is_sampled(system: SystemSpec, scenario: ScenarioSpec) -> None:
         raise DomainError("delay_samples that differ are simulated on samples; make them equal, or leave --exact out")
     for mode in system.modes:
         order = len(mode.spec.plant.assemble({})[1]) - 1
+        if mode.spec.plant.dead_time.max > 0.0:
+            raise DomainError(
+                f"{mode.name}: the dead time of its plant is simulated on samples; leave --exact out, or write whole "
+                "samples of it as delay_samples"
+            )
         if order != 1:
             raise DomainError(f"{mode.name}: its plant of order {order} is simulated on samples; leave --exact out")
         if mode.feedforward is not None and mode.feedforward.rate_gain and _has_step(scenario):

@@ -15,7 +15,13 @@ import numpy as np
 from numba import njit
 
 from fopi_tune.core.compiled.kept import kept, sources
-from fopi_tune.simulation.sampled import controller_stages, noise_vectors, plant_stages, switching_stages
+from fopi_tune.simulation.sampled import (
+    controller_stages,
+    noise_vectors,
+    plant_stages,
+    segment_stages,
+    switching_stages,
+)
 from fopi_tune.simulation.sampled.layout import (
     APPLIED,
     ARRIVED_MODE,
@@ -197,8 +203,13 @@ def _sample(
         state = where(load(s, COASTING) > broadcast(0.5), broadcast(-1.0), load(s, MODE))
         for row, value in enumerate((y, rate, measured, broadcast(r) - measured, u, applied, state)):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
-    plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
-    if settings.hybrid:
+    if settings.segments == 0:
+        plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
+    if settings.segments != 0:
+        after = segment_stages.advance_segments(
+            s, c, other, history, modes, block, k, applied, signal, delay, settings, offsets
+        )  # fmt: skip
+    elif settings.hybrid:
         after = plant_stages.advance_hybrid_states(s, c, other, settings, offsets)
     else:
         after = plant_stages.rate_after(s, settings, offsets, rate)

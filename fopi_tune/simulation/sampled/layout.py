@@ -97,6 +97,7 @@ class Settings(NamedTuple):
     own_delays: int
     first_delay: int
     second_delay: int
+    segments: int
     same_delay: int
     loaded: int
     load_delayed: int

@@ -71,9 +71,9 @@ def output(s, c, other, settings, offsets):
     before = load(s, PREVIOUS_INPUT)
     if settings.hybrid and settings.order > 1:
         first, row = load(s, ARRIVED_MODE) < broadcast(0.5), 2 * (settings.order * settings.order + settings.order)
-        rate = _selected(s, settings, offsets, row + settings.order, first) * before
+        rate = selected(s, settings, offsets, row + settings.order, first) * before
         for i in range(settings.order):
-            rate = rate + _selected(s, settings, offsets, row + i, first) * load(s, offsets.x + i * WIDTH)
+            rate = rate + selected(s, settings, offsets, row + i, first) * load(s, offsets.x + i * WIDTH)
         return load(s, offsets.x), rate
     if settings.hybrid:
         y, first = load(s, offsets.x), load(s, ARRIVED_MODE) < broadcast(0.5)
@@ -82,7 +82,7 @@ def output(s, c, other, settings, offsets):
         gain = where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH))
         rate = pole * y + gain * before
         if settings.stands:
-            rate = where(_stands_still(c, other, y, gain * before, first), broadcast(0.0), rate)
+            rate = where(stands_still(c, other, y, gain * before, first), broadcast(0.0), rate)
         return y, rate
     n = settings.order
     c = offsets.plant + (n * n + 4 * n) * WIDTH
@@ -94,7 +94,7 @@ def output(s, c, other, settings, offsets):
 
 
 @_inlined
-def _selected(s, settings, offsets, row, first):
+def selected(s, settings, offsets, row, first):
     """A coefficient of the plant of mode 1 or 2; of each there are two segments' matrices and weights, then dy/dt."""
     n = settings.order
     one = offsets.plant + row * WIDTH
@@ -106,9 +106,9 @@ def _advance_segment(s, settings, offsets, row, first, drive):
     """States of higher order over a segment of a sample with one input."""
     n = settings.order
     for i in range(n):
-        x = _selected(s, settings, offsets, row + n * n + i, first) * drive
+        x = selected(s, settings, offsets, row + n * n + i, first) * drive
         for j in range(n):
-            x = x + _selected(s, settings, offsets, row + i * n + j, first) * load(s, offsets.x + j * WIDTH)
+            x = x + selected(s, settings, offsets, row + i * n + j, first) * load(s, offsets.x + j * WIDTH)
         store(s, offsets.following + i * WIDTH, x)
     for i in range(n):
         store(s, offsets.x + i * WIDTH, load(s, offsets.following + i * WIDTH))
@@ -123,9 +123,9 @@ def _advance_derivatives(s, settings, offsets):
         _advance_segment(s, settings, offsets, 0, first, load(s, OLD_CONTROL) + w)
     first, before = load(s, ARRIVED_MODE) < broadcast(0.5), load(s, CONTROL) + w
     row = 2 * (n * n + n)
-    after = _selected(s, settings, offsets, row + n, first) * before
+    after = selected(s, settings, offsets, row + n, first) * before
     for i in range(n):
-        after = after + _selected(s, settings, offsets, row + i, first) * load(s, offsets.x + i * WIDTH)
+        after = after + selected(s, settings, offsets, row + i, first) * load(s, offsets.x + i * WIDTH)
     _advance_segment(s, settings, offsets, n * n + n, first, before)
     for i in range(n):
         store(s, offsets.x + i * WIDTH, flushed(load(s, offsets.x + i * WIDTH)))
@@ -134,18 +134,18 @@ def _advance_derivatives(s, settings, offsets):
 
 
 @_inlined
-def _stands_still(c, other, y, drive, first):
+def stands_still(c, other, y, drive, first):
     """The lanes whose output rests at 0, held against what drives it, output unit per s."""
     hold = where(first, broadcast(c[HOLD_BELOW]), broadcast(c[other + HOLD_BELOW]))
     return (y <= broadcast(0.0)) & (drive < hold)
 
 
 @_inlined
-def _standing(c, other, y, following, drive, first):
+def standing(c, other, y, following, drive, first):
     """The output after a time of one input: it stays at 0, or ends there on its way below."""
     floor = where(first, broadcast(c[FLOOR]), broadcast(c[other + FLOOR]))
     following = where(following < floor, floor, following)
-    return where(_stands_still(c, other, y, drive, first), broadcast(0.0), following)
+    return where(stands_still(c, other, y, drive, first), broadcast(0.0), following)
 
 
 @_inlined
@@ -384,7 +384,7 @@ def advance_hybrid_states(s, c, other, settings, offsets):
         x = x + weight * late
         if settings.stands:
             drive = where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * late
-            x = _standing(c, other, begun, x, drive, first)
+            x = standing(c, other, begun, x, drive, first)
     first, before = load(s, ARRIVED_MODE) < broadcast(0.5), load(s, CONTROL) + w
     pole, begun = where(first, load(s, p + 4 * WIDTH), load(s, p + 10 * WIDTH)), x
     drive = where(first, load(s, p + 5 * WIDTH), load(s, p + 11 * WIDTH)) * before
@@ -392,8 +392,8 @@ def advance_hybrid_states(s, c, other, settings, offsets):
     x = where(first, load(s, p + 2 * WIDTH), load(s, p + 8 * WIDTH)) * x
     x = x + where(first, load(s, p + 3 * WIDTH), load(s, p + 9 * WIDTH)) * before
     if settings.stands:
-        after = where(_stands_still(c, other, begun, drive, first), broadcast(0.0), after)
-        x = _standing(c, other, begun, x, drive, first)
+        after = where(stands_still(c, other, begun, drive, first), broadcast(0.0), after)
+        x = standing(c, other, begun, x, drive, first)
     store(s, offsets.x, flushed(x))
     store(s, PREVIOUS_INPUT, before)
     return after

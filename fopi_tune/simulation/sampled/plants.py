@@ -10,8 +10,7 @@ have different delays D.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,9 @@ from fopi_tune.simulation.scenario import InitialInput, Start
 
 #: a delay this close to a whole number of samples counts as whole
 _WHOLE = 1e-12
-_MOST_DELAY_SAMPLES = 10_000
+MOST_DELAY_SAMPLES = 10_000
 #: of a sample; arrivals this close are one
-_SAME_PART = 1e-9
+SAME_PART = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,9 @@ class DiscretePlants:
         arrivals: dy/dt just after the control arrives, and just after the load does, from the sample's start state, the
             control that arrives, the one before, and the same two of the load; shape (m, 2, n + 4); used where an input
             arrives between samples.
-        has_derivatives: whether the states are those of (2).
+        system: A of the companion's states, shape (m, n, n), time counted in samples.
+        sample_time_s: Ts.
+        has_derivatives: whether the states are those that two modes share, by `mode_plants`.
     """
 
     control: DelayedInput
@@ -80,6 +81,8 @@ class DiscretePlants:
     static_gain: Array
     equilibrium: Array
     arrivals: Array
+    system: Array
+    sample_time_s: float
     has_derivatives: bool = False
 
     def __len__(self) -> int:
@@ -124,7 +127,7 @@ class DiscretePlants:
         if self.order == 0:
             return np.zeros((m, 0)), held
         if self.has_derivatives:
-            return _resting(m, self.order, y0), held
+            return _resting(m, self.order, y0) + self.equilibrium * held[:, None], held
         states = np.where(integrates[:, None], 0.0, self.equilibrium) * held[:, None]
         with np.errstate(divide="ignore"):
             states[:, -1] = np.where(integrates, y0 / self.output[:, -1], states[:, -1])
@@ -168,49 +171,13 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
     parts = _parts(samples, delay_samples)
     scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
     arrivals = _arrivals(a, parts, scale, rate_state, rate_input)
-    return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals)
-
-
-def in_derivatives(plants: Sequence[DiscretePlants]) -> list[DiscretePlants]:
-    """The plants of modes that share their output, with states that they share; as they are where all are of order 1.
-
-        z_k = Ts^k y^(k),    k = 0 to n - 1,    n the largest order.                                                (2)
-
-    So the output and its derivatives go on at a change of the mode, as far as the plant that is left has states for
-    them: those beyond a plant's own order are 0 after its first step.
-
-    Args:
-        plants: of each mode, without zeros, direct path and dead time.
-
-    Source: (2) is the phase variable form with time counted in samples; that the modes share it is a definition.
-    """
-    order = max(each.order for each in plants)
-    return list(plants) if order == 1 else [_in_derivatives(each, order) for each in plants]
-
-
-def _in_derivatives(plants: DiscretePlants, order: int) -> DiscretePlants:
-    n, m = plants.order, len(plants)
-    # of a companion matrix and c = (0, ..., 0, b) the states from the last on are z_k/b
-    scale = plants.output[:, -1]
-
-    def shared(given: DelayedInput) -> DelayedInput:
-        transition, weight = np.zeros((2, m, order, order)), np.zeros((2, m, order))
-        transition[:, :, :n, :n] = given.transition[:, :, ::-1, ::-1]
-        weight[:, :, :n] = scale[:, None] * given.weight[:, :, ::-1]
-        return DelayedInput(given.delay, transition, weight)
-
-    output, rate_state = np.zeros((m, order)), np.zeros((m, order))
-    output[:, 0] = 1.0
-    # c a = (0, ..., b, 0) for n > 1, and the pole for n = 1
-    rate_state[:, :n] = plants.rate_state[:, ::-1] / scale[:, None]
-    return replace(
-        plants, control=shared(plants.control), load=shared(plants.load), output=output, rate_state=rate_state,
-        equilibrium=np.zeros((m, order)), arrivals=np.zeros((m, 2, order + 4)), has_derivatives=True,
-    )  # fmt: skip
+    return DiscretePlants(
+        control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals, a, sample_time_s
+    )
 
 
 def _resting(m: int, order: int, output: float) -> Array:
-    """States (2) of an output that does not move."""
+    """Shared states of an output that does not move without an input."""
     states = np.zeros((m, order))
     states[:, 0] = output
     return states
@@ -258,26 +225,31 @@ def _arrivals(
 
 def _parts(samples: Array, delay_samples: float) -> tuple[Array, Array]:
     """The fractions of a sample after which control and load arrive: the same one where only rounding differs."""
-    control, load = _part(samples + delay_samples), _part(samples)
-    return np.where(np.abs(control - load) <= _SAME_PART, load, control), load
+    control, load = part_of_a_sample(samples + delay_samples), part_of_a_sample(samples)
+    return np.where(np.abs(control - load) <= SAME_PART, load, control), load
 
 
-def _part(samples: Array) -> Array:
+def whole_samples(samples: Array) -> NDArray[np.int64]:
+    """The whole samples in a delay."""
+    return np.floor(samples + _WHOLE).astype(np.int64)
+
+
+def part_of_a_sample(samples: Array) -> Array:
     """The fraction of a sample in a delay."""
-    return np.clip(samples - np.floor(samples + _WHOLE), 0.0, 1.0)
+    return np.clip(samples - whole_samples(samples), 0.0, 1.0)
 
 
 def _delayed(a: Array, samples: Array) -> DelayedInput:
-    if np.any(samples > _MOST_DELAY_SAMPLES):
+    if np.any(samples > MOST_DELAY_SAMPLES):
         raise DomainError(f"the delay is {samples.max():.3g} samples long; take a longer sample time")
-    whole = np.floor(samples + _WHOLE)
-    part = _part(samples)
+    whole = whole_samples(samples)
+    part = part_of_a_sample(samples)
     m, n = a.shape[:2]
     # most delays are whole, and usually 0
     none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))
     before, after = constant_input_step(a, part) if part.any() else none, constant_input_step(a, 1.0 - part)
     both = np.stack([before[0], after[0]]), np.stack([before[1], after[1]])
-    return DelayedInput(whole.astype(np.int64), *both)
+    return DelayedInput(whole, *both)
 
 
 def _scaled(delayed: DelayedInput, c: Array) -> DelayedInput:

@@ -14,14 +14,16 @@ from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.digital import runtime
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
+from fopi_tune.simulation.sampled.mode_plants import Segments
 from fopi_tune.simulation.sampled.noise import normal_deviates
 from fopi_tune.simulation.sampled.plants import DiscretePlants
 from fopi_tune.simulation.scenario import Hybrid, InactiveController, Scenario, Traces
 
 
 def simulate_reference(
-    controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, first_index: int = 0
-) -> Traces:
+    controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, first_index: int = 0,
+    segments: Segments | None = None,
+) -> Traces:  # fmt: skip
     """Simulate every plant; slow.
 
     Args:
@@ -29,12 +31,13 @@ def simulate_reference(
         plants: as many, of m plants each.
         scenario: everything else.
         first_index: of the first plant; the noise depends on it.
+        segments: of two modes of which one has a dead time.
     """
     m, steps = len(plants[0]), len(scenario.signals)
     rows = np.zeros((8, m, steps))
     with np.errstate(all="ignore"):
         for i in range(m):
-            run = _ReferenceLoop(controllers, plants, scenario, i, first_index + i)
+            run = _ReferenceLoop(controllers, plants, scenario, i, first_index + i, segments)
             for k in range(steps):
                 rows[:, i, k] = run.sample(k)
     time_s = np.asarray(scenario.sample_time_s * np.arange(steps), dtype=float)
@@ -46,8 +49,10 @@ class _ReferenceLoop:
     """The state of one loop from sample to sample."""
 
     def __init__(
-        self, controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, row: int, index: int
-    ) -> None:
+        self, controllers: Sequence[Runtime], plants: Sequence[DiscretePlants], scenario: Scenario, row: int,
+        index: int, segments: Segments | None,
+    ) -> None:  # fmt: skip
+        self.segments, self.sent = segments, -1
         self.controllers, self.plants, self.scenario, self.row = controllers, plants, scenario, row
         self.steps = len(scenario.signals)
         self.noise = (
@@ -196,6 +201,8 @@ class _ReferenceLoop:
             self.x = follow + weights[0] * load + weights[1] * old_load
             self.before = now + load
             return 0.0
+        if self.segments is not None:
+            return self._advance_segments(self.segments, k)
         delay = int(self.plants[0].control.delay[i])
         load, after = self._load(k), 0.0
         places = [(0, k - delay - 1), (1, k - delay)]
@@ -211,6 +218,27 @@ class _ReferenceLoop:
             if stands and np.any(control.weight[segment, i] != 0.0):
                 self.x = np.zeros(1)
             elif (hold := self.scenario.hybrid.hold_below) and math.isfinite(hold[self.arrived]):
+                self.x = np.maximum(self.x, 0.0)
+        return after
+
+    def _advance_segments(self, parts: Segments, k: int) -> float:
+        """To the next sample from arrival to arrival; returns the largest dy/dt just after one."""
+        i, after = self.row, 0.0
+        assert self.scenario.hybrid is not None
+        for part in range(len(parts)):
+            for mode in (0, 1):
+                sent = k - int(parts.control[part, mode, i])
+                if sent > self.sent and self.modes[sent] == mode:
+                    self.sent, self.arrived = sent, mode
+            mode = self.arrived
+            self.before = self._control(self.sent) + self._load(k - int(parts.load[part, mode, i]))
+            rate, stands = self._rate(), self._stands_still()
+            if parts.arrives[part, mode, i] and abs(rate) > abs(after):
+                after = rate
+            self.x = parts.transition[part, mode, i] @ self.x + parts.weight[part, mode, i] * self.before
+            if stands:
+                self.x = np.zeros(1)
+            elif (hold := self.scenario.hybrid.hold_below) and math.isfinite(hold[mode]):
                 self.x = np.maximum(self.x, 0.0)
         return after
 

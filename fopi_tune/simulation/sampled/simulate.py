@@ -42,7 +42,8 @@ from fopi_tune.simulation.sampled.layout import (
     Settings,
     scratch_layout,
 )
-from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants, in_derivatives
+from fopi_tune.simulation.sampled.mode_plants import Segments, discretize_modes
+from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
 from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
 #: plants per chunk and thread; bounds the memory
@@ -63,7 +64,7 @@ def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None
     """
     total = _count(modes, scenario, count)
     held = _discretized_all(modes, scenario, first_index, total)
-    kept = _run(modes, held, scenario, Horizon(0.0), first_index, keep=True)[1]
+    kept = _run(modes, *held, scenario, Horizon(0.0), first_index, keep=True)[1]
     time_s = np.asarray(scenario.sample_time_s * np.arange(len(scenario.signals)), dtype=float)
     signals = dict(zip(TRACES[:6], kept, strict=False))
     return Traces(time_s, **signals, mode=kept[6].astype(np.int64) + 1, rate_after=kept[7])
@@ -114,7 +115,7 @@ def _chunks(
     modes: Sequence[Mode], scenario: Scenario, horizon: Horizon, begins: range, end: int, workers: int
 ) -> Iterator[Measures]:
     def work(parts: list[Plants], begin: int) -> Measures:
-        return _measures(_run(modes, _discretized(parts, scenario), scenario, horizon, begin)[0], scenario)
+        return _measures(_run(modes, *_discretized(parts, scenario), scenario, horizon, begin)[0], scenario)
 
     if workers == 1:
         for begin in begins:
@@ -161,32 +162,32 @@ def _plants_between(modes: Sequence[Mode], begin: int, end: int) -> list[Plants]
     return parts
 
 
-def _discretized_all(modes: Sequence[Mode], scenario: Scenario, begin: int, total: int) -> list[DiscretePlants]:
+def _discretized_all(
+    modes: Sequence[Mode], scenario: Scenario, begin: int, total: int
+) -> tuple[list[DiscretePlants], Segments | None]:
     parts = [mode.plants for mode in modes if isinstance(mode.plants, Plants)]
     if len(parts) < len(modes):
         parts = _plants_between(modes, begin, begin + total)
     return _discretized(parts, scenario)
 
 
-def _discretized(parts: Sequence[Plants], scenario: Scenario) -> list[DiscretePlants]:
-    held = [discretize_plants(part, scenario.sample_time_s, scenario.actuator.delay_samples) for part in parts]
-    if scenario.hybrid is not None:
-        for part, plants in zip(held, parts, strict=True):
-            if part.order < 1 or np.any(part.output[:, :-1] != 0.0) or np.any(part.direct != 0.0):
-                raise DomainError("a hybrid loop needs plants of order 1 or more without zeros and direct path")
-            if part.order > 1 and scenario.hybrid.hold_below:
-                raise DomainError("a standstill needs plants of first order")
-            if np.any(plants.dead_time_s != 0.0):
-                raise DomainError("a hybrid loop needs plants without dead time; give it as the actuator's delay")
-        if scenario.hybrid.delay_samples and scenario.actuator.delay_samples:
-            raise DomainError("delays of the modes' own stand in place of the actuator's; make that 0")
-        return in_derivatives(held)
-    return held
+def _discretized(parts: Sequence[Plants], scenario: Scenario) -> tuple[list[DiscretePlants], Segments | None]:
+    delay, hybrid = scenario.actuator.delay_samples, scenario.hybrid
+    if hybrid is None:
+        return [discretize_plants(part, scenario.sample_time_s, delay) for part in parts], None
+    if hybrid.delay_samples and delay:
+        raise DomainError("delays of the modes' own stand in place of the actuator's; make that 0")
+    one, two = hybrid.delay_samples or (delay, delay)
+    held, segments = discretize_modes(parts, scenario.sample_time_s, (one, two), scenario.signals.load is not None)
+    if hybrid.hold_below and any(part.order > 1 for part in held):
+        raise DomainError("a standstill needs plants of first order")
+    return held, segments
 
 
 def _run(
     modes: Sequence[Mode],
     held: list[DiscretePlants],
+    segments: Segments | None,
     scenario: Scenario,
     horizon: Horizon,
     begin: int,
@@ -199,8 +200,12 @@ def _run(
     blocks = -(-m // WIDTH)
     delay = np.zeros((2, blocks * WIDTH), dtype=np.int64)
     delay[0, :m], delay[1, :m] = held[0].control.delay, held[0].load.delay
-    table = _table(held, scenario, blocks * WIDTH)
+    table = _table(held, segments, scenario, blocks * WIDTH)
     settings = _settings(modes, held, scenario, horizon, begin, keep)
+    if segments is not None:
+        delay = np.zeros((4 * len(segments), blocks * WIDTH), dtype=np.int64)
+        delay[:, :m] = np.concatenate([segments.control, segments.load], axis=1).reshape(-1, m)
+        settings = settings._replace(segments=len(segments), ring=int(segments.control.max(initial=0)) + 1)
     offsets = scratch_layout(
         settings.order, len(table) - 1 - settings.order, settings.sections, settings.derivatives,
         settings.filter_order,
@@ -227,7 +232,7 @@ def _aligned(count: int) -> Array:
     return room[first : first + count]
 
 
-def _table(held: list[DiscretePlants], scenario: Scenario, width: int) -> Array:
+def _table(held: list[DiscretePlants], segments: Segments | None, scenario: Scenario, width: int) -> Array:
     """One column per plant: the input before the start, the states, and the coefficients that `plant_stages` uses."""
     first = held[scenario.hybrid.first - 1 if scenario.hybrid else 0]
     m, n = len(first), first.order
@@ -245,6 +250,10 @@ def _table(held: list[DiscretePlants], scenario: Scenario, width: int) -> Array:
                 whole = part.control.transition[segment].reshape(m, n * n)
                 plant += [whole, part.control.weight[segment]]
             plant += [part.rate_state, part.rate_input[:, None]]
+    for segment, mode in np.ndindex(0 if segments is None else len(segments), 2):
+        assert segments is not None
+        whole = segments.transition[segment, mode].reshape(m, n * n)
+        plant += [whole, segments.weight[segment, mode], segments.arrives[segment, mode][:, None]]
     columns = [past[:, None], states, *plant]
     table = np.zeros((sum(column.shape[1] for column in columns), width))
     np.concatenate([column.T for column in columns], out=table[:, :m])
@@ -302,6 +311,7 @@ def _settings(
         own_delays=int(bool(hybrid.delay_samples)),
         first_delay=int(own[0]),
         second_delay=int(own[1]),
+        segments=0,
         same_delay=int(np.all(held[0].control.delay == delay)),
         loaded=int(scenario.signals.load is not None),
         load_delayed=int(load_delayed),

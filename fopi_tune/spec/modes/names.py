@@ -38,6 +38,9 @@ def written_names(place: Place, reserved: Collection[str]) -> tuple[str, str] | 
     """
     if not isinstance(place.node, MappingNode):
         return None
+    if words := [key for key in place.node.entries if _is_word_with_a_spec(place, key, reserved)]:
+        place.child(words[0]).refuse(f"{words[0]} is a word of this section and no name of a mode; give it another one")
+        return None
     found = [key for key in place.node.entries if key not in reserved and _is_mode(place, key)]
     if set(FAMILIAR) & set(found) and len(found) <= 2:
         misspelt = [key for key in found if key not in FAMILIAR and closest(key, FAMILIAR) not in (None, *found)]
@@ -66,6 +69,14 @@ def _is_mode(place: Place, key: str) -> bool:
     if re.fullmatch(THRESHOLD_PATTERN, key):
         return False
     return key in FAMILIAR or isinstance(place.node.entries[key][1], MappingNode)
+
+
+def _is_word_with_a_spec(place: Place, key: str, reserved: Collection[str]) -> bool:
+    """Whether a mode is called by another word of the section."""
+    assert isinstance(place.node, MappingNode)
+    value = place.node.entries[key][1]
+    is_word = key in reserved or re.fullmatch(THRESHOLD_PATTERN, key) is not None
+    return is_word and isinstance(value, MappingNode) and "spec" in value.entries
 
 
 def _refuse_count(found: Sequence[str], place: Place) -> None:

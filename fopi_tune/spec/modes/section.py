@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,7 +16,9 @@ from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
 from fopi_tune.spec.modes.names import EXAMPLE, FAMILIAR, MODE_PATTERN, NAME_RULE, foreign_pattern
 from fopi_tune.spec.modes.turns import line_keys, line_rules, misnamed_lines, read_turns
-from fopi_tune.spec.yaml.nodes import MappingNode, Place
+from fopi_tune.spec.yaml.hints import closest
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode
+from fopi_tune.spec.yaml.problems import quoted
 from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, PlainOrMapping, Shape, Text
 
@@ -40,11 +42,26 @@ class Unread(Shape):
         return {"description": self.meaning}
 
 
-def modes_shape(names: tuple[str, str] | None) -> Record:
+@dataclass(frozen=True)
+class _FedWord(Choice):
+    """The word for a feed-forward, whose alternative is a mapping."""
+
+    def read(self, place: Place) -> str | None:
+        if isinstance(place.node, ScalarNode) and closest(place.node.text, self.words) is None:
+            place.refuse(
+                f"{quoted(place.node.text)} is not known here; write {INVERSE}, or the gains as "
+                "{static_gain: 0.02, rate_gain: 0.1}"
+            )
+            return None
+        return super().read(place)
+
+
+def modes_shape(names: tuple[str, str] | None, written: Collection[str] = ()) -> Record:
     """The shape of the section.
 
     Args:
         names: of both modes; None: any, for the schema.
+        written: keys of the section, for what is told of those that are wrong.
     """
     shown = names or FAMILIAR
     keys = {name: Key(_mode_shape(name), required=names is not None) for name in shown}
@@ -55,7 +72,7 @@ def modes_shape(names: tuple[str, str] | None) -> Record:
         named, rules = _mode_shape("mode").json_schema(), line_rules()
         rules["patternProperties"] |= {foreign_pattern(reserved_words()): named}
     build = partial(read_turns, names or FAMILIAR)
-    return Record("which loops take turns, and when", keys, build, EXAMPLE, misnamed_lines(names), rules)
+    return Record("which loops take turns, and when", keys, build, EXAMPLE, misnamed_lines(names, written), rules)
 
 
 def reserved_words() -> tuple[str, ...]:
@@ -130,7 +147,7 @@ def _feedforward_shape() -> Shape:
         return None
 
     record = Record(meaning, gains, build, "{static_gain: 0.02, rate_gain: 0.1}", rules={"minProperties": 1})
-    return PlainOrMapping(Choice(meaning, (INVERSE,)), record)
+    return PlainOrMapping(_FedWord(meaning, (INVERSE,)), record)
 
 
 def _build_gains(values: Values, place: Place) -> FoPi | None:
@@ -205,13 +222,11 @@ def _problem(spec: DesignSpec) -> str | None:
     if isinstance(spec.plant, MeasuredFamily):
         return "a mode's plant is simulated, which a measured response cannot be; write its transfer function"
     numerator, denominator, _ = spec.plant.assemble({})
-    if spec.plant.dead_time.max > 0.0:
-        return "a mode's plant has no dead time in this version; write it as delay_samples, in samples of this spec"
     if len(denominator) < 2:
         return "a mode's plant is of first order or higher: its output must not jump; write a lag with a short time"
-    if len(numerator) != 1:
+    if len(numerator) == len(denominator):
         return (
-            "a mode's plant has no zeros in this version: at a change of the mode its output and derivatives go on, "
-            "which a step of the control behind a zero breaks; write one without, such as its dominant lags"
+            "a mode's plant has fewer zeros than poles: as many make the output jump with the control, also at a "
+            "change of the mode; add the short lag of its actuator or sensor to the denominator"
         )
     return None

@@ -10,6 +10,7 @@ Each is a number that is added to the setpoint, `{relative: x}`, or an output it
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
 from fopi_tune.spec.model import SystemSpec
 from fopi_tune.spec.modes.names import FAMILIAR, THRESHOLD_PATTERN
-from fopi_tune.spec.yaml.nodes import Place, scalar_of
+from fopi_tune.spec.yaml.nodes import MappingNode, Place, scalar_of
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
 from fopi_tune.spec.yaml.shapes import Converted, JsonSchema, Number, PlainOrMapping, Shape
 
@@ -62,12 +63,24 @@ def line_keys(names: tuple[str, str] | None) -> dict[str, Key]:
     }
 
 
-def misnamed_lines(names: tuple[str, str] | None) -> dict[str, str]:
-    """Words that name the wrong one of the modes, each with what to write."""
+def misnamed_lines(names: tuple[str, str] | None, written: Collection[str] = ()) -> dict[str, str]:
+    """Words that name the wrong one of the modes, or another one, each with what to write.
+
+    Args:
+        names: of both modes, the raising one first.
+        written: keys of the section.
+    """
     if names is None:
         return {}
     raising, lowering = names
+    found = {}
+    for key in written:
+        line = re.fullmatch("to_(.*)_(above|below)", key)
+        if line is not None and line[1] not in names:
+            right = f"to_{lowering}_above" if line[2] == "above" else f"to_{raising}_below"
+            found[key] = f"the modes are called {raising} and {lowering}; did you mean {right}?"
     return {
+        **found,
         f"to_{raising}_above": f"the {raising} raises the output and is entered below; write to_{raising}_below",
         f"to_{lowering}_below": f"the {lowering} lowers the output and is entered above; write to_{lowering}_above",
     }
@@ -95,7 +108,8 @@ def read_turns(names: tuple[str, str], values: Values, place: Place) -> Values |
     words = {"up": f"to_{lowering}_above", "down": f"to_{raising}_below", COAST_ABOVE: COAST_ABOVE}
     words[COAST_BELOW] = COAST_BELOW
     found = {field: values[word] for field, word in words.items() if word in values}
-    if not _has_both(values, words, misnamed_lines(names), place):
+    written = place.node.entries if isinstance(place.node, MappingNode) else ()
+    if not _has_both(values, words, misnamed_lines(names, written), place):
         return None
     if HYSTERESIS in values:
         eps = float(values[HYSTERESIS])

@@ -729,14 +729,19 @@ def scenario_of(**changes: object) -> Scenario:
             "samples late|long",
         ),
         (
-            [Mode(THROTTLE, Plants(np.ones((1, 1)), np.ones((1, 2)), np.ones(1))), Mode(BRAKE, brake_plants(1))],
+            [Mode(THROTTLE, Plants(np.ones((1, 1)), np.ones((1, 2)), -np.ones(1))), Mode(BRAKE, brake_plants(1))],
             scenario_of(hybrid=Hybrid(0.1)),
-            "without dead time",
+            "a dead time that is negative",
         ),
         (
-            [Mode(THROTTLE, random_plants(2, 1, 0, late=False)), Mode(BRAKE, brake_plants(1))],
+            [Mode(THROTTLE, Plants(np.ones((1, 1)), np.ones((1, 2)), np.full(1, 1e5))), Mode(BRAKE, brake_plants(1))],
             scenario_of(hybrid=Hybrid(0.1)),
-            "without zeros and direct path",
+            "more than 10,000 samples long; take a longer",
+        ),
+        (
+            [Mode(THROTTLE, random_plants(2, 1, 0, direct=True, late=False)), Mode(BRAKE, brake_plants(1))],
+            scenario_of(hybrid=Hybrid(0.1)),
+            "without direct path",
         ),
     ],
 )

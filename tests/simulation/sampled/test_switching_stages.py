@@ -12,7 +12,8 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.measures import measures_of
-from fopi_tune.simulation.sampled.plants import discretize_plants, in_derivatives
+from fopi_tune.simulation.sampled.mode_plants import discretize_modes, in_derivatives
+from fopi_tune.simulation.sampled.plants import discretize_plants
 from fopi_tune.simulation.sampled.reference import simulate_reference
 from fopi_tune.simulation.sampled.simulate import measure, simulate
 from fopi_tune.simulation.scenario import (
@@ -26,6 +27,7 @@ from fopi_tune.simulation.scenario import (
     Sensor,
     Signals,
     Start,
+    Traces,
 )
 from tests.simulation.sampled.test_simulate_rate import TS, assert_same, made, plainly
 
@@ -233,11 +235,101 @@ def test_two_modes_with_one_plant_of_higher_order_are_one_loop() -> None:
         np.testing.assert_allclose(found.rate_after, single.rate_after, rtol=1e-9, atol=1e-9)
 
 
-def test_a_plant_with_zeros_takes_no_turns() -> None:
-    plants = Plants(np.array([[1.0, 2.0]]), np.array([[1.0, 2.0, 1.0]]), np.zeros(1))
+def test_a_plant_with_a_direct_path_takes_no_turns() -> None:
+    plants = Plants(np.array([[1.0, 2.0]]), np.array([[1.0, 2.0]]), np.zeros(1))
     both = [Mode(mode.controller, plants) for mode in modes()]
-    with pytest.raises(DomainError, match="without zeros"):
+    with pytest.raises(DomainError, match="without direct path"):
         simulate(both, driven(RELATIVE, InactiveController.HOLD))
+
+
+def with_zeros_and_dead_times(dead: tuple[float, float] = (0.0, 0.0)) -> list[Mode]:
+    """Modes of order 2 and 3 with a zero, each with its own dead time, s, uncertain by a fifth where there is one."""
+    rng, found = np.random.default_rng(5), []
+    tops, bottoms = ((4.0, 20.0), (-0.8, 2.0, 8.0)), ((2.0, 3.0, 1.0), (0.3, 1.0, 1.5, 1.0))
+    for mode, top, bottom, late in zip(modes(), tops, bottoms, dead, strict=True):
+        every = np.tile(np.array(bottom), (PLANTS, 1))
+        every[:, 0] *= rng.uniform(0.7, 1.3, PLANTS)
+        times = late * rng.uniform(0.8, 1.2, PLANTS)
+        found.append(Mode(mode.controller, Plants(np.tile(np.array(top), (PLANTS, 1)), every, times)))
+    return found
+
+
+def with_dead_times_of_lags(dead: tuple[float, float]) -> list[Mode]:
+    found, rng = [], np.random.default_rng(6)
+    for mode, late in zip(modes(), dead, strict=True):
+        assert isinstance(mode.plants, Plants)
+        times = late * rng.uniform(0.8, 1.2, PLANTS)
+        found.append(Mode(mode.controller, Plants(mode.plants.numerator, mode.plants.denominator, times)))
+    return found
+
+
+def assert_alike(both: list[Mode], scenario: Scenario) -> Traces:
+    """The compiled run and the plain one, rates included; returns the first."""
+    assert scenario.hybrid is not None
+    delay = scenario.actuator.delay_samples
+    one, two = scenario.hybrid.delay_samples or (delay, delay)
+    plants = [mode.plants for mode in both if isinstance(mode.plants, Plants)]
+    held, segments = discretize_modes(plants, TS, (one, two), scenario.signals.load is not None)
+    plain = simulate_reference([mode.controller for mode in both], held, scenario, segments=segments)
+    found = simulate(both, scenario)
+    assert_same(found, plain)
+    np.testing.assert_allclose(found.rate, plain.rate, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.rate_after, plain.rate_after, rtol=1e-9, atol=1e-9)
+    return found
+
+
+DEAD_TIMES = [(0.0, 0.0), (0.5, 0.0), (0.0, 0.31), (0.4, 0.4), (1.3, 0.07)]
+
+
+@pytest.mark.parametrize("dead", DEAD_TIMES)
+def test_zeros_and_dead_times_of_the_modes_own_are_the_same_in_both_runs(dead: tuple[float, float]) -> None:
+    for lines, delay, own in ((RELATIVE, 0.0, ()), (COASTING, 0.4, ()), (0.4, 0.0, (2, 1))):
+        scenario = dataclasses.replace(driven(lines, InactiveController.RESET), start=Start(2.0))
+        scenario = dataclasses.replace(
+            scenario, actuator=Actuator(delay_samples=delay),
+            hybrid=dataclasses.replace(scenario.hybrid or Hybrid(0.0), delay_samples=own),
+        )  # fmt: skip
+        for both in (with_zeros_and_dead_times(dead), with_dead_times_of_lags(dead)):
+            assert {1, 2} <= set(np.unique(assert_alike(both, scenario).mode))
+
+
+def test_a_standstill_behind_a_dead_time_is_the_same_in_both_runs() -> None:
+    levels = np.concatenate([np.linspace(6.0, 0.0, 40), np.zeros(40), np.linspace(0.0, 5.0, 40)])
+    load = np.where(np.arange(STEPS) < 60, -0.35, 0.1)
+    hybrid = driven(0.2, InactiveController.RESET).hybrid or Hybrid(0.0)
+    for hold in ((1.2, 0.3), (1.2, -np.inf)):
+        scenario = Scenario(
+            TS, Signals(levels, load), start=Start(6.0, InitialInput.FREE),
+            hybrid=dataclasses.replace(hybrid, hold_below=hold),
+        )  # fmt: skip
+        found = assert_alike(with_dead_times_of_lags((0.5, 0.13)), scenario)
+        assert (found.output == 0.0).any()
+
+
+def test_a_mode_with_zero_and_dead_time_that_is_never_left_is_the_single_loop() -> None:
+    lines, both = SwitchingLines(Threshold(1e6), Threshold(-1e6)), with_zeros_and_dead_times((0.53, 0.2))
+    for delay, load in ((0.0, None), (0.4, np.sin(0.1 * np.arange(STEPS)))):
+        alone = Scenario(TS, Signals(LEVELS, load), actuator=Actuator(delay_samples=delay), start=Start(3.0))
+        found = simulate(both, dataclasses.replace(alone, hybrid=Hybrid(lines)))
+        single = simulate(both[:1], alone)
+        np.testing.assert_allclose(found.output, single.output, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(found.rate, single.rate, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.rate_after, single.rate_after, rtol=1e-9, atol=1e-9)
+
+
+def test_a_dead_time_of_whole_samples_is_a_computing_delay_where_there_is_no_load() -> None:
+    for one, two in ((3, 1), (0, 2), (2, 2)):
+        scenario = dataclasses.replace(driven(COASTING, InactiveController.HOLD), signals=Signals(LEVELS))
+        exact = [
+            Mode(mode.controller, Plants(mode.plants.numerator, mode.plants.denominator, np.full(PLANTS, late * TS)))
+            for mode, late in zip(modes(), (one, two), strict=True)
+            if isinstance(mode.plants, Plants)
+        ]
+        own = dataclasses.replace(scenario.hybrid or Hybrid(0.0), delay_samples=(one, two))
+        late = simulate(exact, scenario)
+        computed = simulate(modes(), dataclasses.replace(scenario, hybrid=own))
+        assert np.array_equal(late.mode, computed.mode)
+        np.testing.assert_allclose(late.output, computed.output, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize("delays", [(1, 3), (3, 0), (0, 2)])

@@ -94,3 +94,9 @@ def test_the_schema_takes_names_of_that_pattern(tmp_path: Path) -> None:
             document["system"]["hysteresis"] = {"spec": "a.yaml"}
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(document, schema)
+
+
+@pytest.mark.parametrize("word", ["hysteresis", "coast", "first", "shared", "min_dwell_s"])
+def test_a_word_of_the_section_is_no_name_of_a_mode(tmp_path: Path, word: str) -> None:
+    with pytest.raises(SpecError, match=f"system.{word}: {word} is a word of this section and no name of a mode; give"):
+        load_system(write(tmp_path, (word, "fan"), f"to_fan_above: 1\nto_{word}_below: -1"))

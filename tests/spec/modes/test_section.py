@@ -48,6 +48,10 @@ def test_a_feed_forward_is_understood_as_meant(tmp_path: Path, words: str, fed: 
     [
         ("feedforward: {}", "system.heater.feedforward: nothing is fed forward; write static_gain, rate_gain, or both"),
         ("feedforward: inverse", "system.heater.feedforward: 'inverse' is not known here"),
+        (
+            "feedforward: bumpless",
+            "system.heater.feedforward: 'bumpless' is not known here; write inverse_of_nominal_lag, or the gains",
+        ),
         ("feedforward: {static_gian: 1}", "system.heater.feedforward.static_gian"),
     ],
 )
@@ -130,12 +134,22 @@ def test_a_plant_of_higher_order_is_understood_as_meant(tmp_path: Path, plant: s
     assert len(second.spec.plant.assemble({})[1]) == 2
 
 
+def test_zeros_and_dead_times_are_understood_as_meant(tmp_path: Path) -> None:
+    plant = "{model: transfer_function, numerator: [1, 20], denominator: [2, 5, 1], dead_time_s: {min: 0, max: 0.3}}"
+    first, second = load_system(with_plant(tmp_path, plant)).modes
+    assert (first.spec.plant.dead_time.min, first.spec.plant.dead_time.max) == (0.0, 0.3)
+    assert len(first.spec.plant.assemble({})[0]) == 2
+    assert second.spec.plant.dead_time.max == 0.0
+
+
 @pytest.mark.parametrize(
     ("plant", "words", "said"),
     [
-        ("{model: transfer_function, numerator: [1, 20], denominator: [2, 5, 1]}", "", "has no zeros in this version"),
-        (LAG.replace("}}", "}, dead_time_s: 0.3}"), "", "has no dead time in this version; write it as delay_samples"),
-        (LAG.replace("}}", "}, dead_time_s: {nominal: 0, min: 0, max: 0.3}}"), "", "has no dead time in this version"),
+        (
+            "{model: transfer_function, numerator: [1, 20], denominator: [2, 5]}",
+            "",
+            "has fewer zeros than poles: as many",
+        ),
         (
             "{model: transfer_function, numerator: [20], denominator: [2, 5, 1]}",
             "standstill: {hold_below_per_s: 1}",

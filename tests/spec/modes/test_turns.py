@@ -92,3 +92,18 @@ def test_the_schema_refuses_what_is_not(tmp_path: Path, turns: str) -> None:
     document = YAML(typ="safe", pure=True).load(write(tmp_path, turns=turns).read_text())
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(document, system_json_schema())
+
+
+@pytest.mark.parametrize(
+    ("turns", "wrong", "right"),
+    [
+        ("to_brake_above: 1\nto_heater_below: -1", "to_brake_above", "to_fan_above"),
+        ("to_fan_above: 1\nto_traction_below: -1", "to_traction_below", "to_heater_below"),
+        ("hysteresis: 0.3\nto_brake_above: 1", "to_brake_above", "to_fan_above"),
+    ],
+)
+def test_lines_of_other_modes_are_told_with_what_is_meant(tmp_path: Path, turns: str, wrong: str, right: str) -> None:
+    with pytest.raises(SpecError) as refused:
+        load_system(write(tmp_path, turns=turns))
+    said = [f"{each.path}: {each.message}" for each in refused.value.problems]
+    assert f"system.{wrong}: the modes are called heater and fan; did you mean {right}?" in said
