@@ -147,13 +147,22 @@ def controller_code(export: Export, precision: Precision, identifier: str, part_
     Raises:
         DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
     """
-    sections, weight = export.controller.sections, export.setpoint_weight
-    used = export.controller.gains.measurement_filter
-    runtime = Runtime.of(sections, precision, export.limits, export.rate_per_s, weight, used)
+    runtime = runtime_in(export, precision)
     of_system = {**({"part_of": part_of} if part_of else {}), **({"fed": True} if export.is_fed else {})}
-    values = with_export_id({**_values(export, runtime, identifier), **of_system})
+    values = with_export_id({**template_values(export, runtime, identifier), **of_system})
     files = code_files("controller", {"part_of": "", **values})
     return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)
+
+
+def runtime_in(export: Export, precision: Precision) -> Runtime:
+    """The controller's arithmetic in a precision.
+
+    Raises:
+        DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
+    """
+    sections, weight = export.controller.sections, export.setpoint_weight
+    used = export.controller.gains.measurement_filter
+    return Runtime.of(sections, precision, export.limits, export.rate_per_s, weight, used)
 
 
 def with_export_id(values: dict[str, Any]) -> dict[str, Any]:
@@ -249,8 +258,14 @@ def rendered(template: str, values: dict[str, Any], folder: str = "c") -> str:
     return environment.get_template(template).render(values)
 
 
-def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]:
-    """What the templates name."""
+def template_values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]:
+    """What the templates name: texts that are fit for a comment of C, and numbers as constants of C.
+
+    Args:
+        export: the controller and what its header says.
+        runtime: its arithmetic in a precision.
+        identifier: a part of its names in C.
+    """
     controller, kind = export.controller, _TYPES[runtime.precision]
 
     def numbers(row: tuple[float, ...]) -> list[tuple[str, str]]:
