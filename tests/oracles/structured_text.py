@@ -107,9 +107,11 @@ class FunctionBlock:
     def _type(self, spec: Any) -> tuple[str, int | None]:
         if not isinstance(spec, tree.ArraySpecification):
             return str(spec.type), None
-        (one,) = spec.subranges
+        element: Any = spec.type
+        one: Any = spec.subranges[0]
+        assert len(spec.subranges) == 1
         assert self._expression(one.start).value({}) == 0
-        return str(spec.type.type_name), 1 + self._expression(one.stop).value({})
+        return str(element.type_name), 1 + self._expression(one.stop).value({})
 
     def _initial(self, given: Any, type_: str, count: int | None) -> Any:
         zero = {"BOOL": False, "INT": 0}.get(type_) if type_ not in DTYPES else DTYPES[type_](0.0)
@@ -134,7 +136,8 @@ class FunctionBlock:
         return self._for(node)
 
     def _assignment(self, node: tree.AssignmentStatement) -> Run:
-        (target,) = node.variables
+        target: Any = node.variables[0]
+        assert len(node.variables) == 1
         if isinstance(target, tree.SimpleVariable):
             name = self._written(target)
             assert self.variables[name].count is None, name

@@ -17,7 +17,7 @@ from fopi_tune.digital.vectors import Op
 
 pytest.importorskip("blark", reason="no blark: structured text is not parsed and run")
 
-from oracles.structured_text import FunctionBlock  # noqa: E402  (needs blark)
+from oracles.structured_text import FunctionBlock
 
 PRECISIONS = {Precision.FLOAT64: ("LREAL", "f64"), Precision.FLOAT32: ("REAL", "f32")}
 
