@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fopi_tune.digital.discretize import FILTER_TERM, DigitalController, Method
+from fopi_tune.digital.implementation import step_cost
 from fopi_tune.digital.realise import Form, Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.vectors import COLUMNS, standard_operations, vector_table
@@ -167,7 +168,7 @@ def runtime_in(export: Export, precision: Precision) -> Runtime:
 
 def with_export_id(values: dict[str, Any]) -> dict[str, Any]:
     """The values and a short hash of all that header and source say."""
-    return {**values, "export_id": f"0x{hashlib.sha256(repr(values).encode()).hexdigest()[:8]}"}
+    return {**values, "export_id": f"0x{hashlib.sha256(repr(values).encode()).hexdigest()[:8]}U"}
 
 
 def code_files(template: str, values: dict[str, Any]) -> dict[str, str]:
@@ -286,6 +287,7 @@ def template_values(export: Export, runtime: Runtime, identifier: str) -> dict[s
         "filter": sanitized(_filter(controller), _DESCRIPTION),
         "errors": _errors(controller),
         "rounding": _rounding(controller, runtime),
+        "cost": _cost(runtime, export.is_fed),
         "limits": "none" if export.limits is None else f"{runtime.limits[0]!r} to {runtime.limits[1]!r}",
         "integrator": runtime.has_integrator,
         "sections": len(runtime.poles),
@@ -334,6 +336,16 @@ def _signals(runtime: Runtime) -> str:
     terms += ["kd on -y"] if runtime.derivative is not None else []
     measured = "the measurement" if runtime.measurement_filter is None else "the filtered measurement"
     return f"r is the setpoint and y {measured}; {', '.join(terms)}"
+
+
+def _cost(runtime: Runtime, is_fed: bool) -> str:
+    """What a step costs, whatever the processor."""
+    cost, size = step_cost(runtime), np.dtype(runtime.precision.dtype).itemsize
+    state = cost.state_bytes_float64 if size == 8 else cost.state_bytes_float32
+    return (
+        f"a step takes at most {cost.multiplications} multiplications and {cost.additions + is_fed} additions, beside "
+        f"comparisons; {state} bytes of state and {size * cost.coefficients} of coefficients"
+    )
 
 
 def _filter(controller: DigitalController) -> str:
