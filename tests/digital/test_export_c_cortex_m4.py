@@ -10,10 +10,11 @@ from cases.cortex_m4.emulated import Cost, compiled, compiler_version, cost_of, 
 from cases.project import ROOT
 from cases.targets import exported, runtime_of, structures
 
-from fopi_tune.digital import export_c
+from fopi_tune.digital import Memory, Switching, export_c, export_system_c
 from fopi_tune.digital.implementation import step_cost
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.vectors import standard_operations
+from tests.digital.test_export_system_c import exported as system
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
 #: of a controller in words, as the page has them
@@ -28,7 +29,10 @@ TYPES = {Precision.FLOAT32: ("float", "f32"), Precision.FLOAT64: ("double", "f64
 
 def written(structure: str, folder: Path) -> list[str]:
     """The names of the C files."""
-    files = export_c(exported(structure))
+    return put(export_c(exported(structure)), folder)
+
+
+def put(files: dict[str, str], folder: Path) -> list[str]:
     for name, text in files.items():
         (folder / name).write_text(text, encoding="ascii")
     return [name for name in files if name.endswith(".c")]
@@ -45,6 +49,13 @@ def measured(structure: str, precision: Precision, folder: Path) -> Cost:
 @structures("all", "fopi")
 def test_the_vectors_are_met_bit_for_bit(structure: str, tmp_path: Path) -> None:
     done = emulated(compiled(tmp_path, written(structure, tmp_path)), "test_vectors.csv")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "rows are equal bit for bit, in double and in float" in done.stdout
+
+
+def test_a_system_meets_its_vectors_bit_for_bit(tmp_path: Path) -> None:
+    files = export_system_c(system(Switching(0.5, Memory.TRACKING, 3)))
+    done = emulated(compiled(tmp_path, put(files, tmp_path)), "test_vectors.csv")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "rows are equal bit for bit, in double and in float" in done.stdout
 
