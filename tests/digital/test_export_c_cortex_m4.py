@@ -13,7 +13,7 @@ from cases.targets import exported, runtime_of, structures
 from fopi_tune.digital import Memory, Switching, export_c, export_system_c
 from fopi_tune.digital.implementation import step_cost
 from fopi_tune.digital.realise import Precision
-from fopi_tune.digital.vectors import standard_operations
+from fopi_tune.digital.vectors import Op, Operation, standard_operations
 from tests.digital.test_export_system_c import exported as system
 
 pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
@@ -39,10 +39,11 @@ def put(files: dict[str, str], folder: Path) -> list[str]:
 
 
 def measured(structure: str, precision: Precision, folder: Path) -> Cost:
-    """Over the first ordinary steps of the vectors: a step, noise, and both limits."""
+    """Over the first ordinary steps of the vectors, a step, noise, and both limits, and samples at rest, which flush."""
     written(structure, folder)
     type_, suffix = TYPES[precision]
-    operations = standard_operations(runtime_of(exported(structure)))[:900:5]
+    ordinary = standard_operations(runtime_of(exported(structure)))[:900:5]
+    operations = [*ordinary, *[Operation(Op.STEP)] * 20]
     return cost_of(folder, f"fopi_brake_1_2_{suffix}", type_, operations)
 
 
