@@ -65,7 +65,7 @@ def test_a_multiplication_and_addition_in_one_are_seen(tmp_path: Path) -> None:
     program = compiled(tmp_path, written("fopi", tmp_path), "-std=gnu99", "-ffp-contract=fast")
     done = emulated(program, "test_vectors.csv")
     assert done.returncode == 1
-    assert re.match(r"line \d+, step: ", done.stdout)
+    assert re.match(r"line \d+, step: double (\S+) instead of \1, float -?\d\S* instead of -?\d", done.stdout)
 
 
 def test_instructions_are_counted_and_no_fewer_than_operations(tmp_path: Path) -> None:
