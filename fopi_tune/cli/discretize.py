@@ -30,7 +30,8 @@ ExportOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="FORMAT",
-        help="Beside C, in `targets/`: fmu (FMI 3.0, with sources), cmsis (CMSIS-DSP). May be repeated.",
+        help="Beside C, in `targets/`: fmu (FMI 3.0, with sources), cmsis (CMSIS-DSP), st (structured text of"
+        " IEC 61131-3). May be repeated.",
     ),
 ]
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-s")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fopi_tune.digital.discretize import FILTER_TERM, DigitalController, Method
+from fopi_tune.digital.implementation import step_cost
 from fopi_tune.digital.realise import Form, Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.vectors import COLUMNS, standard_operations, vector_table
@@ -147,18 +148,27 @@ def controller_code(export: Export, precision: Precision, identifier: str, part_
     Raises:
         DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
     """
-    sections, weight = export.controller.sections, export.setpoint_weight
-    used = export.controller.gains.measurement_filter
-    runtime = Runtime.of(sections, precision, export.limits, export.rate_per_s, weight, used)
+    runtime = runtime_in(export, precision)
     of_system = {**({"part_of": part_of} if part_of else {}), **({"fed": True} if export.is_fed else {})}
-    values = with_export_id({**_values(export, runtime, identifier), **of_system})
+    values = with_export_id({**template_values(export, runtime, identifier), **of_system})
     files = code_files("controller", {"part_of": "", **values})
     return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)
 
 
+def runtime_in(export: Export, precision: Precision) -> Runtime:
+    """The controller's arithmetic in a precision.
+
+    Raises:
+        DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
+    """
+    sections, weight = export.controller.sections, export.setpoint_weight
+    used = export.controller.gains.measurement_filter
+    return Runtime.of(sections, precision, export.limits, export.rate_per_s, weight, used)
+
+
 def with_export_id(values: dict[str, Any]) -> dict[str, Any]:
     """The values and a short hash of all that header and source say."""
-    return {**values, "export_id": f"0x{hashlib.sha256(repr(values).encode()).hexdigest()[:8]}"}
+    return {**values, "export_id": f"0x{hashlib.sha256(repr(values).encode()).hexdigest()[:8]}U"}
 
 
 def code_files(template: str, values: dict[str, Any]) -> dict[str, str]:
@@ -249,8 +259,14 @@ def rendered(template: str, values: dict[str, Any], folder: str = "c") -> str:
     return environment.get_template(template).render(values)
 
 
-def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]:
-    """What the templates name."""
+def template_values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]:
+    """What the templates name: texts that are fit for a comment of C, and numbers as constants of C.
+
+    Args:
+        export: the controller and what its header says.
+        runtime: its arithmetic in a precision.
+        identifier: a part of its names in C.
+    """
     controller, kind = export.controller, _TYPES[runtime.precision]
 
     def numbers(row: tuple[float, ...]) -> list[tuple[str, str]]:
@@ -271,6 +287,7 @@ def _values(export: Export, runtime: Runtime, identifier: str) -> dict[str, Any]
         "filter": sanitized(_filter(controller), _DESCRIPTION),
         "errors": _errors(controller),
         "rounding": _rounding(controller, runtime),
+        "cost": _cost(runtime, export.is_fed),
         "limits": "none" if export.limits is None else f"{runtime.limits[0]!r} to {runtime.limits[1]!r}",
         "integrator": runtime.has_integrator,
         "sections": len(runtime.poles),
@@ -319,6 +336,16 @@ def _signals(runtime: Runtime) -> str:
     terms += ["kd on -y"] if runtime.derivative is not None else []
     measured = "the measurement" if runtime.measurement_filter is None else "the filtered measurement"
     return f"r is the setpoint and y {measured}; {', '.join(terms)}"
+
+
+def _cost(runtime: Runtime, is_fed: bool) -> str:
+    """What a step costs, whatever the processor."""
+    cost, size = step_cost(runtime), np.dtype(runtime.precision.dtype).itemsize
+    state = cost.state_bytes_float64 if size == 8 else cost.state_bytes_float32
+    return (
+        f"a step takes at most {cost.multiplications} multiplications and {cost.additions + is_fed} additions, beside "
+        f"comparisons; {state} bytes of state and {size * cost.coefficients} of coefficients"
+    )
 
 
 def _filter(controller: DigitalController) -> str:

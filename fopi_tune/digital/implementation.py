@@ -13,7 +13,7 @@ from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.measured.loops import MeasuredLoop
 from fopi_tune.core.parallel_form import Implementation, Sections
-from fopi_tune.digital import sections_of
+from fopi_tune.digital.discretize import sections_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
@@ -32,12 +32,14 @@ class StepCost:
         additions: and subtractions; the most that a sample takes.
         state_bytes_float64: of the state in double precision.
         state_bytes_float32: of the state in single precision.
+        coefficients: the numbers that the code stores, each as long as one of its states.
     """
 
     multiplications: int
     additions: int
     state_bytes_float64: int
     state_bytes_float32: int
+    coefficients: int
 
 
 def step_cost(runtime: Runtime) -> StepCost:
@@ -51,7 +53,10 @@ def step_cost(runtime: Runtime) -> StepCost:
     additions = 1 + 2 * weighted + 4 * derivatives + 3 * lags + each + limit
     # the flag of the first sample takes the place of a number
     numbers = sections + derivatives + lags + 1 + int(runtime.starts_at_first_sample)
-    return StepCost(multiplications, additions, 8 * numbers, 4 * numbers)
+    # direct, the limits, and what each part has; the gain of the anti-windup; what counts as 0
+    coefficients = 3 + 2 * weighted + 2 * derivatives + lags + int(runtime.limits_rate) + 3 * sections
+    coefficients += int(sections > 0) + int(sections + derivatives + lags > 0)
+    return StepCost(multiplications, additions, 8 * numbers, 4 * numbers, coefficients)
 
 
 def implementation_of(spec: DesignSpec, gains: FoPi) -> Implementation:

@@ -31,7 +31,7 @@ STRUCTURES = {
 
 @dataclass(frozen=True)
 class Row:
-    """A call, and the output that follows it in double precision."""
+    """A call, and the output that follows it."""
 
     operation: Operation
     output: float
@@ -46,21 +46,22 @@ def exported(structure: str) -> Export:
     return replace(made, limits=limits, rate_per_s=rate, setpoint_weight=b)
 
 
-def runtime_of(export: Export) -> Runtime:
-    """Its arithmetic in double precision."""
+def runtime_of(export: Export, precision: Precision = Precision.FLOAT64) -> Runtime:
+    """Its arithmetic in a precision."""
     used = export.controller.gains.measurement_filter
     weight, sections = export.setpoint_weight, export.controller.sections
-    return Runtime.of(sections, Precision.FLOAT64, export.limits, export.rate_per_s, weight, used)
+    return Runtime.of(sections, precision, export.limits, export.rate_per_s, weight, used)
 
 
 @cache
-def rows_of(structure: str) -> tuple[Row, ...]:
-    """The test vectors of an export, without `init`, which is a reset to 0."""
-    runtime = runtime_of(exported(structure))
+def rows_of(structure: str, precision: Precision = Precision.FLOAT64) -> tuple[Row, ...]:
+    """The test vectors of an export, without `init`, which is a reset to 0, with the outputs of a precision."""
+    export = exported(structure)
     operations = [
-        Operation(Op.RESET) if operation.op is Op.INIT else operation for operation in standard_operations(runtime)
+        Operation(Op.RESET) if operation.op is Op.INIT else operation
+        for operation in standard_operations(runtime_of(export))
     ]
-    return tuple(map(Row, operations, replay(runtime, operations).tolist()))
+    return tuple(map(Row, operations, replay(runtime_of(export, precision), operations).tolist()))
 
 
 def structures(*each_time: str) -> pytest.MarkDecorator:

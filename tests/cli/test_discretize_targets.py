@@ -73,6 +73,13 @@ def test_without_a_compiler_or_with_one_that_fails_an_fmu_has_sources_alone_and_
         assert names_in(tmp_path / "out" / "targets" / "Target-1.fmu") == SOURCES
 
 
+def test_structured_text_is_a_file_for_each_precision(tmp_path: Path) -> None:
+    done = fopi(tmp_path, "st")
+    assert (done.exit_code, done.stderr) == (0, "")
+    written = sorted(path.name for path in (tmp_path / "out" / "targets").iterdir())
+    assert written == ["fopi_target_1_f32.st", "fopi_target_1_f64.st"]
+
+
 def test_formats_of_an_earlier_result_are_told_and_left(tmp_path: Path) -> None:
     (tmp_path / "out" / "targets").mkdir(parents=True)
     (tmp_path / "out" / "targets" / "old.fmu").write_text("")

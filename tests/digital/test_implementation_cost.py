@@ -81,6 +81,11 @@ def test_the_operations_of_a_sample_are_those_of_the_code(
     counted = subprocess.run([tmp_path / "count"], capture_output=True, text=True, check=True).stdout.split()
     cost = step_cost(runtime)
     assert [int(number) for number in counted] == [cost.multiplications, cost.additions, cost.state_bytes_float64]
+    numbers = re.findall(r"-?0x[\da-f.]+p[+-]?\d+", files[f"{prefix}.c"])
+    assert len(numbers) == cost.coefficients
+    told = f"{cost.multiplications} multiplications and {cost.additions} additions, beside comparisons; "
+    told += f"{cost.state_bytes_float64} bytes of state and {8 * len(numbers)} of coefficients"
+    assert told in " ".join(files[header].replace("\n *", " ").split())
 
 
 def test_a_float_takes_half_the_room() -> None:

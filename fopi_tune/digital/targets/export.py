@@ -7,6 +7,7 @@ from enum import StrEnum
 from fopi_tune.digital.export_c import Export
 from fopi_tune.digital.targets.cmsis import cmsis_header
 from fopi_tune.digital.targets.fmu import fmu_files, packed
+from fopi_tune.digital.targets.structured_text import structured_text_files
 
 
 class Target(StrEnum):
@@ -14,6 +15,7 @@ class Target(StrEnum):
 
     FMU = "fmu"
     CMSIS = "cmsis"
+    STRUCTURED_TEXT = "st"
 
 
 def export_target(export: Export, target: Target) -> dict[str, str | bytes]:
@@ -30,6 +32,8 @@ def export_target(export: Export, target: Target) -> dict[str, str | bytes]:
     """
     if target is Target.CMSIS:
         return {f"{export.name}_cmsis.h": cmsis_header(export)}
+    if target is Target.STRUCTURED_TEXT:
+        return {**structured_text_files(export)}
     return _fmu(export)
 
 
