@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner, Result
 
 from fopi_tune.cli import app
-from fopi_tune.cli.init import Fitted, Model, Unit
+from fopi_tune.cli.starting.init import Fitted, Model, Unit
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PLANT_MODELS, Plant, PlantFamily, Uncertain
 from fopi_tune.identification import FitModel, TimeUnit
