@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN
 from fractions import Fraction
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.spec.templates.fitted import comment, one_two_five, rounded
-from fopi_tune.spec.templates.sections import TemplateSections, digital_section
+from fopi_tune.spec.templates.sections import TemplateSections, digital_section, scenarios_section
 from fopi_tune.spec.transfer_functions import WrittenPlant
 
 #: the plant's phase, in degrees, at the highest crossover of a PI (65 are left for margin and integral) and of a PID
@@ -30,6 +30,8 @@ _LESS = 15.0
 _FASTER = 3.0
 #: rad of phase that a sample may cost at the highest crossover, twice
 _PHASE_OF_A_SAMPLE = 0.08
+#: of one part of the scenario
+_MOST_SAMPLES = 10_000
 
 
 def sections_for_written(plant: WrittenPlant, about: Sequence[str]) -> TemplateSections:
@@ -61,6 +63,7 @@ requirements:
 """,
         objective="objective: {minimize: iae_disturbance}   # a load on the plant is taken away as well as possible",
         digital=digital_section(repr(step), f"[{10.0 ** (power - 3):.1e}, {10.0 ** (power + 4):.1e}]"),
+        scenarios=_scenario(plant, facts, crossover, step),
         uncertain_name=last_name,
     )
 
@@ -77,6 +80,7 @@ class _Facts:
         omega: frequencies, rad/s, shape (n,).
         phase: of `sign` times the plant, degrees, continuous from that of a PI's plant on, shape (n,).
         fastest: the largest rate, rad/s; 1 of a plant without any.
+        slowest: the smallest, rad/s.
     """
 
     sign: int
@@ -86,6 +90,7 @@ class _Facts:
     omega: Array
     phase: Array
     fastest: float
+    slowest: float
 
     @property
     def is_hard(self) -> bool:
@@ -109,7 +114,7 @@ def _facts(plant: WrittenPlant) -> _Facts:
         angle = angle - np.angle(1j * omega - pole)
     angle = np.unwrap(angle) + 0.5 * math.pi * (ends[0] - ends[1]) - omega * delay
     unstable = int(np.count_nonzero(poles.real > 0.0))
-    return _Facts(sign, ends[1], ends[0], unstable, omega, np.degrees(angle), max(middle))
+    return _Facts(sign, ends[1], ends[0], unstable, omega, np.degrees(angle), max(middle), min(middle))
 
 
 def _roots_off_0(coefficients: tuple[Fraction, ...]) -> NDArray[np.complex128]:
@@ -134,6 +139,24 @@ def _crossover(facts: _Facts) -> tuple[float, bool]:
     least, derivative = (_PHASE_PI, False) if best >= _PHASE_PI else (min(_PHASE_PID, best - _LESS), True)
     enough = np.flatnonzero((facts.phase >= least) & reached)
     return rounded(float(facts.omega[enough[-1]]), 2, ROUND_CEILING), derivative
+
+
+def _scenario(plant: WrittenPlant, facts: _Facts, crossover: float, step: float) -> str:
+    """A step to 1, and in its middle a load that asks for a fifth of the control that holds it.
+
+    Of a plant that has no gain at rest the gain at the highest crossover counts.  Each part lasts some times as long as
+    the slowest of the loop's own and the plant's motions, but no more samples than are quickly simulated.
+    """
+    ends = float(plant.numerator[-1]), float(plant.denominator[-1])
+    gain = ends[0] / ends[1] if all(ends) else abs(_response(plant, crossover))
+    longest = max(40.0 / crossover, 8.0 / facts.slowest)
+    part = rounded(min(longest, _MOST_SAMPLES * step), 2, ROUND_CEILING)
+    return scenarios_section(repr(2 * part), "1.0", (repr(part), repr(rounded(-0.2 / gain, 2, ROUND_HALF_EVEN))))
+
+
+def _response(plant: WrittenPlant, omega: float) -> complex:
+    top, bottom = (np.polyval([float(c) for c in side], 1j * omega) for side in (plant.numerator, plant.denominator))
+    return complex(top / bottom)
 
 
 def _controller(side: str, derivative: bool, filter_time: float, step: float) -> str:
