@@ -4,8 +4,10 @@
     design = ft.tune("specs/brake.yaml")
 
 Importing this package imports no solver and no plotting library: names are loaded when they are first used.
+`logging.basicConfig(level="INFO")` shows what stages do, and how far they are.
 """
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +72,9 @@ if TYPE_CHECKING:
     )
 
 __version__ = "0.1.0"
+
+# what stages do is logged below this name; nothing is shown until a program asks for it
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 #: public name -> module
 _PUBLIC = {

@@ -12,6 +12,7 @@ from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
 from fopi_tune.cli.discretize import ExportOption, discretize_file
 from fopi_tune.cli.gains import GivenGains, number_option
+from fopi_tune.cli.logs import LogLevelOption, VerboseOption, show_log
 from fopi_tune.cli.output import bad_input, print_out, report_failure
 from fopi_tune.cli.prove import TOLERANCE, prove_file
 from fopi_tune.cli.recheck import recheck_file
@@ -98,7 +99,10 @@ def _fopi(
         bool,
         typer.Option("--version", callback=lambda wanted: _version(wanted), is_eager=True, help="Print the version."),
     ] = False,
+    log_level: LogLevelOption = None,
+    verbose: VerboseOption = 0,
 ) -> None:
+    show_log(context, log_level, verbose)
     if context.invoked_subcommand is None:
         raise typer.Exit(print_out(FIRST_STEPS))
 

@@ -36,8 +36,8 @@ def sections_for_fitted(plant: PlantFamily, about: Sequence[str]) -> TemplateSec
     Sample time: about 1/50 of time constant plus dead time, or 1/12 of 1 / (geometric mean of the crossover limits)
     where that is longer, because a dead time of many samples makes the sampled loop hard to prove.
 
-    Scenario: a step to 1, and in its middle a load that asks for a fifth of the control that holds it; of an integrator,
-    which needs none, of wc over its gain.  Each lasts 15/wc, some 18 times the longest time constant.
+    Scenario: a step to 1, and in its middle a load that asks for a fifth of the control that holds it, or of an
+    integrator, which needs none, of wc over its gain.  Each lasts 15/wc, some 18 times the longest time constant.
 
     Args:
         plant: of model `lag`, `transfer_function` with a denominator of second degree, or `pole` at 0.

@@ -71,7 +71,7 @@ scenarios:
   - name: step_and_load
     duration_s: {duration_s}
     {f"reference: [{{at_s: 0, value: {reference}}}]":<45} # a new setpoint, in the output's unit
-    {f"load: [{{at_s: {load[0]}, value: {load[1]}}}]":<45} # then something pushes at the plant's input, in the control's
+    {f"load: [{{at_s: {load[0]}, value: {load[1]}}}]":<45} # then a disturbance at the plant's input, control's unit
     # noise_std: 0.01           # of the measurement; also quantum, rate_per_s (of the control), initial_output
 {"limits:" if judged else "# limits:"}
 {judged or "#   - overshoot: {at_most: 0.2}"}"""

@@ -46,7 +46,7 @@ description: {description}
 # How the gains become a controller on the computer (`fopi run` exports C code).  Remove the section if there is none.
 {digital}
 
-# What `fopi simulate` drives the loop through, and `fopi validate` that of every drawn plant; both judge it by `limits`.
+# What `fopi simulate` drives the loop through, and `fopi validate` every drawn plant; both judge it by `limits`.
 # With `scenario: step_and_load` a limit may stand among the requirements, too: gains are then designed for it.
 {scenarios}
 
