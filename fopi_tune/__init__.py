@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.status import Status
+    from fopi_tune.results.stored.load import Stored, StoredLoop, load
     from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
     from fopi_tune.spec import load_spec, load_system, parse_spec
@@ -110,6 +111,8 @@ _PUBLIC = {
     "Solver": "fopi_tune.results.candidate",
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.results.status",
+    "Stored": "fopi_tune.results.stored.load",
+    "StoredLoop": "fopi_tune.results.stored.load",
     "SystemCertificate": "fopi_tune.proof.switched",
     "SystemRecheck": "fopi_tune.proof.switched",
     "SystemSpec": "fopi_tune.spec.model",
@@ -135,6 +138,7 @@ _PUBLIC = {
     "identify": "fopi_tune.identification",
     "ise": "fopi_tune.spec.python.requirements",
     "load_sensitivity_db": "fopi_tune.spec.python.requirements",
+    "load": "fopi_tune.results.stored.load",
     "load_spec": "fopi_tune.spec",
     "load_system": "fopi_tune.spec",
     "loop_gain_db": "fopi_tune.spec.python.requirements",
@@ -202,6 +206,8 @@ __all__ = [
     "Solver",
     "SpecError",
     "Status",
+    "Stored",
+    "StoredLoop",
     "SystemCertificate",
     "SystemRecheck",
     "SystemSpec",
@@ -226,6 +232,7 @@ __all__ = [
     "iae",
     "identify",
     "ise",
+    "load",
     "load_sensitivity_db",
     "load_spec",
     "load_system",

@@ -14,7 +14,8 @@ from importlib.resources import files
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.cli.output import Exit, bad_input, print_out, reason_of, say, write_file
+from fopi_tune.cli.output import Exit, bad_input, print_out, reason_of, say
+from fopi_tune.results.saved.writing import write_file
 
 if TYPE_CHECKING:
     import typer

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune.cli.gains import number_option
-from fopi_tune.cli.output import bad_input, reason_of, say, to_json, write_file
+from fopi_tune.cli.output import bad_input, reason_of, say
 from fopi_tune.errors import DomainError
+from fopi_tune.results.saved.writing import to_json, write_file
 
 if TYPE_CHECKING:
     from fopi_tune.identification import FitModel, ReadOptions, Recording

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from fopi_tune.cli.output import bad_input, print_out, to_json
+from fopi_tune.cli.output import bad_input, print_out
+from fopi_tune.results.saved.writing import to_json
 
 
 class Result(Enum):
