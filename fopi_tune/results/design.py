@@ -25,18 +25,8 @@ from fopi_tune.results.equalities import equality_notes
 from fopi_tune.results.measured import NO_PROOF, digital_notes, measured_notes
 from fopi_tune.results.measures import MeasureReport, measure_reports, measures_dict
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
+from fopi_tune.results.saved import names
 from fopi_tune.results.saved.files import json_file, spec_file
-from fopi_tune.results.saved.names import (
-    CERTIFICATE,
-    CHECK,
-    CODE_FOLDER,
-    DESIGN,
-    DIGITAL,
-    DIGITAL_CERTIFICATE,
-    EVIDENCE,
-    OPTIMUM,
-    SPEC,
-)
 from fopi_tune.results.stamp import Stamp, certificate_versions
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.results.verified.documents import RESULT_SCHEMA, verification_dict, verification_status
@@ -135,9 +125,9 @@ class Design(Shown, LoopCurves):
     def data_files(self) -> Iterator[tuple[str, str | bytes]]:
         """As `Shown.data_files`."""
         yield from spec_file(self.spec)
-        yield from json_file(CERTIFICATE, self.certificate_document())
-        yield from json_file(OPTIMUM, self.optimum_document())
-        yield from json_file(DESIGN, self.to_dict())
+        yield from json_file(names.CERTIFICATE, self.certificate_document())
+        yield from json_file(names.OPTIMUM, self.optimum_document())
+        yield from json_file(names.DESIGN, self.to_dict())
 
     def optimum_document(self) -> dict[str, Any] | None:
         """The JSON of what is proved of the best gains, with its boxes; None when that was not asked for."""
@@ -224,8 +214,8 @@ class Check(Shown):
     def data_files(self) -> Iterator[tuple[str, str | bytes]]:
         """As `Shown.data_files`."""
         yield from spec_file(self.spec)
-        yield from json_file(CERTIFICATE, to_document(self.proof) if self.proof else None)
-        yield from json_file(CHECK, self.to_dict())
+        yield from json_file(names.CERTIFICATE, to_document(self.proof) if self.proof else None)
+        yield from json_file(names.CHECK, self.to_dict())
 
 
 @dataclass(frozen=True, repr=False)
@@ -300,9 +290,9 @@ class Discretized(Shown):
         from fopi_tune.digital import Export, export_c
 
         code = export_c(Export.of(self.spec, self.controller))
-        yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in code.items())
-        yield from json_file(DIGITAL_CERTIFICATE, to_document(self.certificate) if self.certificate else None)
-        yield from json_file(DIGITAL, self.to_dict())
+        yield from ((f"{names.CODE_FOLDER}/{name}", text) for name, text in code.items())
+        yield from json_file(names.DIGITAL_CERTIFICATE, to_document(self.certificate) if self.certificate else None)
+        yield from json_file(names.DIGITAL, self.to_dict())
 
     def to_control(self) -> SampledObjects:
         """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""
@@ -360,7 +350,7 @@ class Validated(Shown):
 
     def data_files(self) -> Iterator[tuple[str, str | bytes]]:
         """As `Shown.data_files`."""
-        yield from json_file(EVIDENCE, self.to_dict())
+        yield from json_file(names.EVIDENCE, self.to_dict())
 
 
 @dataclass(frozen=True, repr=False)
@@ -396,8 +386,8 @@ class Run(Shown):
     def data_files(self) -> Iterator[tuple[str, str | bytes]]:
         """As `Shown.data_files`."""
         design = dict(self.design.data_files())
-        if SPEC in design:
-            yield SPEC, design.pop(SPEC)
+        if names.SPEC in design:
+            yield names.SPEC, design.pop(names.SPEC)
         if self.digital is not None:
             yield from self.digital.data_files()
         yield from design.items()

@@ -101,8 +101,9 @@ class StoredLoop(Stored, LoopCurves):
     """A result about one loop with its spec, which has the loop's curves.
 
     Args:
+        kind, document, beside, file: as those of `Stored`.
         spec: the one that the result is of.
-        gains: None where there are none.
+        gains: None where there are none; ki in kp's unit times (rad/s)^alpha.
     """
 
     spec: DesignSpec = field(kw_only=True)
