@@ -4,8 +4,10 @@
     design = ft.tune("specs/brake.yaml")
 
 Importing this package imports no solver and no plotting library: names are loaded when they are first used.
+`logging.basicConfig(level="INFO")` shows what stages do, and how far they are.
 """
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from fopi_tune.results.proved_system import ProvedSystem
     from fopi_tune.results.simulation import Simulated
     from fopi_tune.results.status import Status
+    from fopi_tune.results.stored.load import Stored, StoredLoop, load
     from fopi_tune.results.system import DiscretizedSystem, SimulatedSystem, ValidatedSystem
     from fopi_tune.results.system_design import DesignedSystem
     from fopi_tune.spec import load_spec, load_system, parse_spec
@@ -70,6 +73,9 @@ if TYPE_CHECKING:
     )
 
 __version__ = "0.1.0"
+
+# what stages do is logged below this name; nothing is shown until a program asks for it
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 #: public name -> module
 _PUBLIC = {
@@ -105,6 +111,8 @@ _PUBLIC = {
     "Solver": "fopi_tune.results.candidate",
     "SpecError": "fopi_tune.errors",
     "Status": "fopi_tune.results.status",
+    "Stored": "fopi_tune.results.stored.load",
+    "StoredLoop": "fopi_tune.results.stored.load",
     "SystemCertificate": "fopi_tune.proof.switched",
     "SystemRecheck": "fopi_tune.proof.switched",
     "SystemSpec": "fopi_tune.spec.model",
@@ -130,6 +138,7 @@ _PUBLIC = {
     "identify": "fopi_tune.identification",
     "ise": "fopi_tune.spec.python.requirements",
     "load_sensitivity_db": "fopi_tune.spec.python.requirements",
+    "load": "fopi_tune.results.stored.load",
     "load_spec": "fopi_tune.spec",
     "load_system": "fopi_tune.spec",
     "loop_gain_db": "fopi_tune.spec.python.requirements",
@@ -197,6 +206,8 @@ __all__ = [
     "Solver",
     "SpecError",
     "Status",
+    "Stored",
+    "StoredLoop",
     "SystemCertificate",
     "SystemRecheck",
     "SystemSpec",
@@ -221,6 +232,7 @@ __all__ = [
     "iae",
     "identify",
     "ise",
+    "load",
     "load_sensitivity_db",
     "load_spec",
     "load_system",

@@ -53,6 +53,7 @@ LEAST_LINES = 25
 LEDGER = "fopi_tune.study.ledger"
 MAY_TOUCH_THE_DISK = {
     "fopi_tune.cli.output": {"print", "open"},
+    "fopi_tune.results.saved.writing": {"open"},
     "fopi_tune.spec.files": {"open"},
     # this package's own files
     "fopi_tune.spec.load": {"read_bytes"},

@@ -18,7 +18,7 @@ from cases.markdown_pages import ROOT, blocks_of, copy_the_clone, load, looks_li
 from cases.project import IMPORTED
 
 import fopi_tune
-from fopi_tune.cli.init import Model
+from fopi_tune.cli.starting.init import Model
 from fopi_tune.core.plant import PLANT_MODELS
 from fopi_tune.paper import CLAIMS, FIGURES
 from fopi_tune.quantities import QUANTITIES

@@ -8,19 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fopi_tune.cli.output import (
-    Exit,
-    print_out,
-    print_styled,
-    reason_of,
-    report_failure,
-    say,
-    still_running_notes,
-    to_json,
-    write_file,
-)
+from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, still_running_notes
 from fopi_tune.cli.report_files import report_of_run
-from fopi_tune.cli.result_files import (
+from fopi_tune.cli.result_files import files_of
+from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.results.saved.names import (
     CERTIFICATE,
     CHECK,
     CODE_FOLDER,
@@ -37,9 +29,8 @@ from fopi_tune.cli.result_files import (
     SYSTEM_FIGURES,
     SYSTEM_REPORT,
     TARGETS_FOLDER,
-    files_of,
 )
-from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.results.saved.writing import to_json, write_file
 
 # Solver, NumPy and Rich are imported where they are needed, so that errors in a spec are reported quickly.
 if TYPE_CHECKING:

@@ -12,13 +12,20 @@ from fopi_tune import __version__
 from fopi_tune.cli.batch import OutputOptions, process_specs
 from fopi_tune.cli.discretize import ExportOption, discretize_file
 from fopi_tune.cli.gains import GivenGains, number_option
-from fopi_tune.cli.init import (
+from fopi_tune.cli.logs import LogLevelOption, VerboseOption, show_log
+from fopi_tune.cli.output import bad_input, print_out, report_failure
+from fopi_tune.cli.prove import TOLERANCE, prove_file
+from fopi_tune.cli.recheck import recheck_file
+from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
+from fopi_tune.cli.starting.init import (
     FIRST_STEPS,
+    ExampleOption,
     FittedOption,
     FromOption,
     FromTfOption,
     InitOptions,
     InputOption,
+    ListOption,
     NameArgument,
     NoSchemaOption,
     OutputOption,
@@ -29,13 +36,9 @@ from fopi_tune.cli.init import (
     TimeOption,
     ToOption,
     UnitOption,
-    schema,
-    write_spec,
+    start,
 )
-from fopi_tune.cli.output import bad_input, print_out, report_failure
-from fopi_tune.cli.prove import TOLERANCE, prove_file
-from fopi_tune.cli.recheck import recheck_file
-from fopi_tune.cli.simulations import SimulationOptions, parameters_from_options, simulate_file, validate_file
+from fopi_tune.cli.starting.schema import schema
 from fopi_tune.cli.study import study
 from fopi_tune.cli.tune import (
     BracketOption,
@@ -96,7 +99,10 @@ def _fopi(
         bool,
         typer.Option("--version", callback=lambda wanted: _version(wanted), is_eager=True, help="Print the version."),
     ] = False,
+    log_level: LogLevelOption = None,
+    verbose: VerboseOption = 0,
 ) -> None:
+    show_log(context, log_level, verbose)
     if context.invoked_subcommand is None:
         raise typer.Exit(print_out(FIRST_STEPS))
 
@@ -356,8 +362,10 @@ def init(
     output: OutputOption = None,
     sample_time: SampleTimeOption = None,
     time_unit: UnitOption = None,
-    start: FromOption = None,
-    end: ToOption = None,
+    first: FromOption = None,
+    last: ToOption = None,
+    example: ExampleOption = None,
+    list_examples: ListOption = False,
     out: Annotated[str | None, typer.Option("--out", "-o", metavar="FILE", help="File, instead of NAME.yaml.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
     no_schema: NoSchemaOption = False,
@@ -368,10 +376,12 @@ def init(
 
     With --from-tf its plant is a transfer function as people write or print it.
     With --from-step-data its plant is fitted to recordings: CSV files with any columns and any input that moves.
+    With --example it is one of those that ship; --list has their names.
     """
     recordings = tuple(from_step_data or ())
-    reading = RecordingOptions(model, time, input, output, sample_time, time_unit, start, end)
-    write_spec(InitOptions(tuple(words or ()), plant, from_tf, recordings, reading, out, force, not no_schema))
+    reading = RecordingOptions(model, time, input, output, sample_time, time_unit, first, last)
+    names, with_schema = tuple(words or ()), not no_schema
+    start(InitOptions(names, plant, from_tf, recordings, reading, out, force, with_schema, example, list_examples))
 
 
 def main() -> None:

@@ -15,10 +15,10 @@ import typer
 from fopi_tune.cli.batch import OutputOptions, process_specs_or_systems
 from fopi_tune.cli.gains import GivenGains, given_or_tuned_gains
 from fopi_tune.cli.output import Exit, bad_input, made_in_a_folder
-from fopi_tune.cli.result_files import TARGETS_FOLDER
 from fopi_tune.cli.simulations import gains_of_modes
 from fopi_tune.core.controller import FoPi
 from fopi_tune.errors import DomainError
+from fopi_tune.results.saved.names import TARGETS_FOLDER
 
 if TYPE_CHECKING:
     from fopi_tune.cli.result_files import Result

@@ -1,11 +1,9 @@
-"""Printing, and writing files:  the only module of the library that prints or writes."""
+"""Printing:  the only module of the library that does."""
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
-import secrets
 import subprocess
 import sys
 import tempfile
@@ -17,6 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from fopi_tune.results.saved.writing import write_file
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -169,43 +169,9 @@ def still_running_notes(message: str, quiet: bool) -> Iterator[Callable[[], None
         teller.join()
 
 
-def to_json(document: object) -> str:
-    """Strict JSON: NaN and infinity are errors of the tool, not output."""
-    return json.dumps(document, indent=2, allow_nan=False)
-
-
 def reason_of(error: OSError) -> str:
     """The operating system's message."""
     return error.strerror or str(error)
-
-
-def write_file(path: Path, content: str | bytes) -> None:
-    """Write a file atomically, and create its folder.
-
-    Whenever the process ends, the file is the old one or the new one.  A process killed while writing leaves a hidden
-    temporary file beside it.
-
-    Args:
-        path: the file.
-        content: text, written as UTF-8 with its line ends as they are, or bytes.
-
-    Raises:
-        OSError: not writable; an existing file is unchanged.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    # a random name: in a container the process id is the same in every run, and a killed run may have left its file
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-    try:
-        with open(temporary, "xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        raise
 
 
 def made_in_a_folder(command: Sequence[str], files: Mapping[str, bytes], made: str, longest_s: float) -> bytes:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.cli.batch import OutputOptions
-from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, to_json
+from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say
 from fopi_tune.errors import CertificateError, DomainError, SpecError
+from fopi_tune.results.saved.writing import to_json
 
 if TYPE_CHECKING:
     from fopi_tune.optimum import OptimumRecheck

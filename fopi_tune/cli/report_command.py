@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from fopi_tune.cli.batch import OutputOptions, load_specs, write_files
 from fopi_tune.cli.output import Exit, print_out, report_failure, say
 from fopi_tune.cli.report_files import comparison_of, report_from_folder, system_report_from_folder
-from fopi_tune.cli.result_files import (
+from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.results.saved.names import (
     CHECK,
     COMPARISON_FOLDER,
     COMPARISON_PAGE,
@@ -20,7 +21,6 @@ from fopi_tune.cli.result_files import (
     SYSTEM_CERTIFICATE,
     SYSTEM_REPORT,
 )
-from fopi_tune.errors import DomainError, SpecError
 
 if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec, SystemSpec

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fopi_tune.cli.output import reason_of, say
-from fopi_tune.cli.result_files import (
+from fopi_tune.errors import CertificateError, DomainError
+from fopi_tune.results.saved.names import (
     CERTIFICATE,
     CHECK,
     DESIGN,
@@ -19,7 +20,6 @@ from fopi_tune.cli.result_files import (
     SYSTEM_CERTIFICATE,
     SYSTEM_PROOF,
 )
-from fopi_tune.errors import CertificateError, DomainError
 
 if TYPE_CHECKING:
     from fopi_tune.proof.switched import SystemCertificate

@@ -126,7 +126,7 @@ def simulate_file(file: str, given: GivenGains, selection: SimulationOptions, op
 
 def _gains_of_system_design(system: SystemSpec, options: OutputOptions) -> dict[str, FoPi]:
     """The gains of a solved design of the same system in the default folder of results; none without one."""
-    from fopi_tune.cli.result_files import SYSTEM_DESIGN
+    from fopi_tune.results.saved.names import SYSTEM_DESIGN
     from fopi_tune.spec.files import read_json
 
     wanted = [mode.name for mode in system.modes if mode.name in system.tuned and mode.gains is None]

@@ -8,20 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.output import (
-    Exit,
-    bad_input,
-    print_out,
-    print_styled,
-    reason_of,
-    report_failure,
-    say,
-    to_json,
-    write_file,
-)
+from fopi_tune.cli.output import Exit, bad_input, print_out, print_styled, reason_of, report_failure, say
 from fopi_tune.cli.progress import ProgressStyle, progress_display
 from fopi_tune.core.text_tables.table import counted
 from fopi_tune.errors import DomainError, FopiError, SpecError
+from fopi_tune.results.saved.writing import to_json, write_file
 
 # Solvers and Dask are imported where they are needed, so that errors in a study are reported quickly.
 if TYPE_CHECKING:

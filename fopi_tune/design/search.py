@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +31,7 @@ from fopi_tune.results.candidate import Candidate
 from fopi_tune.results.status import Status
 from fopi_tune.spec.model import DesignSpec
 
+_log = logging.getLogger(__name__)
 _BASINS = 3
 #: factor on the distance between rays where gains close to the optimum are known
 _COARSE = 2.0
@@ -112,6 +114,7 @@ def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None
         if bracket is None:
             return best, None
         before = best.cost
+        _log.debug("bracket: gap %.3g, %d starts in what is left", bracket.gap, len(bracket.starts))
         for start in bracket.starts:
             if _is_far(polish.problem, start.gains, best.x):
                 found = polish.run(start.gains, hopeless=before)
@@ -172,6 +175,7 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
         if best is not None and not _is_stable(polish.problem, best):
             best = None
     scan = scan_box(polish.problem, _BASINS, 1.0 if best is None else _COARSE)
+    _log.debug("scan: basins of cost %s", [float(f"{basin.cost:.4g}") for basin in scan.basins])
     # a basin about a local optimum that is known has nothing else
     known = None if best is None or not best.settled else best.x
     new = [basin for basin in scan.basins if known is None or _is_far(polish.problem, basin.gains, known)]
@@ -226,6 +230,7 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
         if best is not None and (basin.cost > best.cost + worth or _is_floor(best, basin)):
             continue
         found = polish.run(basin.gains)
+        _log.debug("polish: cost %s, %d solves so far", None if found is None else found.cost, polish.counts.solves)
         for radius in _NEARER:
             if found is not None and ((found.settled and found.cost <= basin.cost + worth) or _is_floor(found, basin)):
                 break

@@ -7,6 +7,7 @@ incumbent's objective until the requested gap is reached, or better gains are fo
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.verification.results import Verification
 from fopi_tune.spec.model import DesignSpec
 
+_log = logging.getLogger(__name__)
 #: a first gap, tried before the requested one
 _COARSE = 0.1
 #: the largest useful gap, and the ratio of a proved to a failed gap at which bisection ends
@@ -170,6 +172,7 @@ class _Run:
         while True:
             level = self._level(objective, gap)
             termination = search.show(problem.beating(level))
+            _log.debug("%s: bound within a gap of %.3g: %s", self.spec.name, gap, termination.value)
             if termination is Termination.BETTER and self._better(search, found)[0] is None:
                 search.learn(_worst_cases(verify(self.spec, _gains(search))))
                 continue

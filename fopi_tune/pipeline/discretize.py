@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 
 from fopi_tune.core.controller import FoPi
@@ -16,6 +17,8 @@ from fopi_tune.spec import load_spec, load_system
 from fopi_tune.spec.digests import digests_of
 from fopi_tune.spec.load import Source, SystemSource
 from fopi_tune.spec.model import DesignSpec
+
+_log = logging.getLogger(__name__)
 
 
 def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
@@ -40,6 +43,7 @@ def discretized(spec: DesignSpec, gains: FoPi, proof: bool, found: Verification 
 
     digital = digital_section_of(spec)
     controller = discretize(gains, digital, nominal_crossover(spec, gains))
+    _log.info("%s: digital controller of %d sections", spec.name, len(controller.sections.poles))
     implementation = Implementation(controller.sections, digital.delay_samples) if spec.has_loop_on_samples else None
     if found is None:
         found = verify(spec, gains, implementation=implementation)

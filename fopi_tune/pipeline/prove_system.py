@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 
 from fopi_tune.core.controller import FoPi
@@ -15,6 +16,8 @@ from fopi_tune.results.proved_system import ProvedSystem
 from fopi_tune.results.stamp import certificate_versions, stamp
 from fopi_tune.spec import load_system
 from fopi_tune.spec.load import SystemSource
+
+_log = logging.getLogger(__name__)
 
 
 def prove_system(
@@ -36,7 +39,9 @@ def prove_system(
     """
     system = load_system(source)
     every_gains = mode_gains(system, gains)
+    _log.info("%s: proof that it settles, or cycles", system.name)
     certificate = prove_model(system, every_gains, setpoints=setpoints, versions=certificate_versions())
+    _log.info("%s: proof: %s", system.name, certificate.verdict.value)
     return ProvedSystem(system, every_gains, certificate, stamp(system.sha256, None))
 
 

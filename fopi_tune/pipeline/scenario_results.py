@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from fopi_tune.simulation.scenario import Measures, Mode, Scenario, Traces
 
 
+_log = logging.getLogger(__name__)
+
+
 def run_scenario(
     scenario: ScenarioSpec, modes: Sequence[Mode], run: Scenario, limits: Sequence[Limit], index: int, unit: str
 ) -> ScenarioResult:
@@ -41,6 +45,7 @@ def run_scenario(
     from fopi_tune.simulation.measures import horizon_of, measures_of, step_measures
     from fopi_tune.simulation.sampled.simulate import simulate
 
+    _log.info("scenario %s: %d samples of one plant", scenario.name, len(run.signals.reference))
     traces, horizon = simulate(modes, run, 1, index), horizon_of(scenario, run)
     numbers = measures_of(traces, [mode.controller for mode in modes], run, horizon)
     steps = step_measures(traces, run, horizon)

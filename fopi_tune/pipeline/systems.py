@@ -12,6 +12,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
+from fopi_tune.pipeline.progress import logged_progress
 from fopi_tune.pipeline.scenario_results import (
     continuous_result,
     plant_point,
@@ -182,7 +183,8 @@ def validate_system(
     system = replace(system, validation=override_validation(system.validation, samples, seed))
     refuse_system_simulation(system, gains)
     every_gains = mode_gains(system, gains)
-    evidence = system_evidence(system, _implementations(system, every_gains), progress)
+    told = logged_progress(f"{system.name}: pairs of plants drawn", progress)
+    evidence = system_evidence(system, _implementations(system, every_gains), told)
     made = replace(stamp(system.sha256, None), seed=evidence.validation.seed)
     return ValidatedSystem(system, every_gains, evidence, made, _system_notes(system, on_samples=True))
 

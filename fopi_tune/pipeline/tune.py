@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from fopi_tune.design import Neighbour
     from fopi_tune.montecarlo.statistics import Fraction
 
+_log = logging.getLogger(__name__)
 #: how often a refuted design is made again
 _MOST_REFUTATIONS = 8
 #: relaxed limits are moved this much further than where the search ended, natural units: there rounding decides
@@ -154,6 +156,7 @@ def _checked_candidate(
     bracket: bool,
 ) -> CheckedCandidate:
     """One run of the search, with the violations found so far as cuts, then verification and certificate."""
+    _log.info("%s: search by %s, %d cuts from refuted gains", spec.name, solver.value, len(violations))
     if spec.designs_scenarios:
         candidate = _scenario_candidate(searched, violations, solver, start)
     elif solver is Solver.CONVEX:
@@ -165,10 +168,12 @@ def _checked_candidate(
 
         candidate = design(searched, violations, start, bracket and start is None)
     gains = candidate.gains
+    _log.info("%s: search ended as %s after %d solves, %s", spec.name, candidate.status.value, candidate.solves, gains)
     if gains is None or gains.is_zero:
         return CheckedCandidate(candidate)
     implementation = designed_implementation(spec, gains)
     verification = verify(spec, gains, implementation=implementation)
+    _log.info("%s: verification: %s", spec.name, "all met" if verification.all_met else "something is missed")
     if candidate.status is not Status.SOLVED or not verification.all_met:
         return CheckedCandidate(candidate, verification)
     drawn: tuple[Fraction, ...] = ()

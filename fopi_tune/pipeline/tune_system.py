@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 
 #: pairs of plants that are drawn for the check
 CHECKED_PAIRS = 10_000
+
+
+_log = logging.getLogger(__name__)
 
 
 def tune_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -> DesignedSystem:
@@ -49,7 +53,9 @@ def tune_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -
             "{minimize: iae, scenario: ...}, or tune the modes' own specs"
         )
     fixed = mode_gains(system, gains, system.tuned)
+    _log.info("%s: search for gains of %s by simulation", system.name, ", ".join(system.tuned))
     found = design_system(system, fixed)
+    _log.info("%s: search ended after %d simulated gains", system.name, found.evaluations)
     stamped = stamp(system.sha256, "simplex")
     reasons = "; ".join(found.reasons)
     if found.gains is None or found.judged is None:

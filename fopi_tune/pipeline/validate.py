@@ -12,6 +12,7 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.discretize import discretize
+from fopi_tune.pipeline.progress import logged_progress
 from fopi_tune.pipeline.scenario_results import refuse_start
 from fopi_tune.results.design import Validated
 from fopi_tune.spec import load_spec
@@ -63,7 +64,8 @@ def validate(
             refuse_start(scenario, nominal, spec.digital.sample_time_s)
     digital = discretize(spec, gains)
     implementation = Implementation(digital.controller.sections, digital.controller.digital.delay_samples)
-    evidence = evidence_of(spec, blocks) if blocks else monte_carlo(spec, gains, implementation, progress)
+    told = logged_progress(f"{spec.name}: plants drawn", progress)
+    evidence = evidence_of(spec, blocks) if blocks else monte_carlo(spec, gains, implementation, told)
     return Validated(digital, evidence, contradictions(evidence, digital.certificate))
 
 

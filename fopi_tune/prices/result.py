@@ -11,6 +11,8 @@ from fopi_tune.core.controller import ORDER_NAME, FoPi, numbers_of
 from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
+from fopi_tune.results.saved.files import json_file
+from fopi_tune.results.saved.names import TRADEOFF
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
 
@@ -167,3 +169,9 @@ class Tradeoff:
             "ends": [end.to_dict() for end in self.ends],
             "stamp": asdict(self.stamp),
         }
+
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from json_file(f"{TRADEOFF}.json", self.to_dict())
+        lines = [",".join(columns_of(self.spec.controller)), *(",".join(row) for row in self.rows())]
+        yield f"{TRADEOFF}.csv", "\n".join(lines) + "\n"

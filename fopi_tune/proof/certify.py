@@ -7,6 +7,7 @@ between the two is the gap.  Floating point only selects what to prove; every pr
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, replace
 
@@ -51,6 +52,7 @@ from fopi_tune.quantities.responses import FrequencyFunction
 from fopi_tune.spec.lists.members import member_specs
 from fopi_tune.spec.model import DesignSpec, Relation, Requirement, Scope
 
+_log = logging.getLogger(__name__)
 #: relative distances from the worst value to the level to be proved, tried in turn
 _GAPS = (5e-7, 5e-5, 5e-4, 1e-2)
 #: the same for `equals`, which is about one plant: its bounds are the enclosure of the value
@@ -99,15 +101,21 @@ def certify(
     with ctx.workprec(PRECISION):
         searches = Searches(case)
         stability = _stability(case, found, searches)
+        _log.debug("%s: stability %s", spec.name, stability.verdict.value)
         proofs = tuple(
             _requirement(case, result, found.tolerance, searches, _has_margins(case, stability, result.requirement))
             for result in found.requirements
         )
+        for proof in proofs:
+            boxes = sum(side.boxes for side in proof.sides)
+            _log.debug("%s: %s %s, %d boxes", spec.name, proof.requirement.quantity, proof.verdict.value, boxes)
     scenarios: tuple[ScenarioProof, ...] = ()
     if implementation is not None and spec.scenario_requirements:
         scenarios = prove_scenarios(spec, implementation, found.tolerance)
     limited = prove_with_limits(spec, implementation)
-    return Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions, scenarios, limited)
+    made = Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions, scenarios, limited)
+    _log.info("%s: proof: %s, %d boxes", spec.name, made.verdict.value, made.boxes)
+    return made
 
 
 def _origin(case: Case, crossings: tuple[float, ...]) -> float:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.core.margins import Margins
 from fopi_tune.errors import DomainError
-from fopi_tune.proof.certificate import Certificate, Verdict
+from fopi_tune.proof.certificate import Certificate
 from fopi_tune.proof.documents import to_document
-from fopi_tune.proof.verification.results import Outcome, Stability, Verification
+from fopi_tune.proof.verification.results import Stability, Verification
 from fopi_tune.results.documents import (
     finite,
     loop_name,
@@ -24,8 +25,11 @@ from fopi_tune.results.equalities import equality_notes
 from fopi_tune.results.measured import NO_PROOF, digital_notes, measured_notes
 from fopi_tune.results.measures import MeasureReport, measure_reports, measures_dict
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
+from fopi_tune.results.saved import names
+from fopi_tune.results.saved.files import json_file, spec_file
 from fopi_tune.results.stamp import Stamp, certificate_versions
 from fopi_tune.results.status import Relaxation, Status
+from fopi_tune.results.verified.documents import RESULT_SCHEMA, verification_dict, verification_status
 from fopi_tune.results.views.curves import LoopCurves
 from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import DesignSpec
@@ -36,9 +40,6 @@ if TYPE_CHECKING:
     from fopi_tune.montecarlo.montecarlo import Evidence
     from fopi_tune.optimum.results import Optimum
     from fopi_tune.results.to_control import ControlObjects, SampledObjects
-
-#: version of the result's JSON; it may only grow
-RESULT_SCHEMA = 1
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,6 +121,13 @@ class Design(Shown, LoopCurves):
             **measures_dict(self.measures),
             **({} if self.optimum is None else _of_optimum(self.optimum)),
         }
+
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from spec_file(self.spec)
+        yield from json_file(names.CERTIFICATE, self.certificate_document())
+        yield from json_file(names.OPTIMUM, self.optimum_document())
+        yield from json_file(names.DESIGN, self.to_dict())
 
     def optimum_document(self) -> dict[str, Any] | None:
         """The JSON of what is proved of the best gains, with its boxes; None when that was not asked for."""
@@ -203,6 +211,12 @@ class Check(Shown):
         """The result's JSON, shaped as a design's."""
         return verification_dict(self.spec, self.verification, self.proof, self.stamp)
 
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from spec_file(self.spec)
+        yield from json_file(names.CERTIFICATE, to_document(self.proof) if self.proof else None)
+        yield from json_file(names.CHECK, self.to_dict())
+
 
 @dataclass(frozen=True, repr=False)
 class Discretized(Shown):
@@ -271,6 +285,15 @@ class Discretized(Shown):
             "cost_of_step": asdict(self.cost),
         }
 
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`, with the C code."""
+        from fopi_tune.digital import Export, export_c
+
+        code = export_c(Export.of(self.spec, self.controller))
+        yield from ((f"{names.CODE_FOLDER}/{name}", text) for name, text in code.items())
+        yield from json_file(names.DIGITAL_CERTIFICATE, to_document(self.certificate) if self.certificate else None)
+        yield from json_file(names.DIGITAL, self.to_dict())
+
     def to_control(self) -> SampledObjects:
         """The digital controller, the nominal plant behind its hold and the loop as discrete `control` objects."""
         from fopi_tune.results.to_control import to_sampled
@@ -325,6 +348,10 @@ class Validated(Shown):
             },
         }
 
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from json_file(names.EVIDENCE, self.to_dict())
+
 
 @dataclass(frozen=True, repr=False)
 class Run(Shown):
@@ -356,41 +383,14 @@ class Run(Shown):
         digital = self.digital.to_dict() if self.digital else None
         return {**self.design.to_dict(), "digital": digital, "digital_problem": self.problem}
 
-
-def verification_dict(
-    spec: DesignSpec, found: Verification, certificate: Certificate | None, stamp: Stamp
-) -> dict[str, Any]:
-    """The JSON that a check of given gains and that of their digital controller share."""
-    return {
-        "schema": RESULT_SCHEMA,
-        "status": verification_status(found, certificate),
-        "gains": numbers_of(found.gains),
-        "objective": finite(found.objective),
-        "requirements": [report.to_dict() for report in requirement_reports(found, certificate, spec.is_measured)],
-        "stamp": asdict(stamp),
-        "name": spec.name,
-        "loop": loop_name(spec),
-        "objective_quantity": objective_name(spec),
-        "tolerance": found.tolerance,
-        "notes": [*equality_notes(found.requirements), *measured_notes(spec, found.gains)],
-        "stability": stability_dict(found.stability),
-        "nominal": margins_dict(found.nominal),
-        "proof": proof_dict(certificate, certificate is not None, spec.is_measured),
-        **measures_dict(measure_reports(spec.scenario_requirements, found.measures, certificate=certificate)),
-    }
-
-
-def verification_status(found: Verification, certificate: Certificate | None) -> str:
-    """`met`, `violated`, or `undecided` when the verification passed but the proof is missing, or stability is open."""
-    if found.stability.undecided:
-        missed = any(not each.is_met and each.outcome is not Outcome.UNDECIDED for each in found.requirements)
-        return "violated" if missed else "undecided"
-    verdict = certificate.verdict if certificate else Verdict.PROVED
-    if verdict is Verdict.REFUTED or not all(result.is_met for result in (*found.requirements, *found.measures)):
-        return "violated"
-    if not found.stability.stable and certificate is None:
-        return "violated"
-    return "met" if verdict is Verdict.PROVED and found.all_met else "undecided"
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        design = dict(self.design.data_files())
+        if names.SPEC in design:
+            yield names.SPEC, design.pop(names.SPEC)
+        if self.digital is not None:
+            yield from self.digital.data_files()
+        yield from design.items()
 
 
 def _of_optimum(optimum: Optimum) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.proof.switched import SystemCertificate, SystemVerdict
+from fopi_tune.results.saved.files import json_file
+from fopi_tune.results.saved.names import SYSTEM_CERTIFICATE, SYSTEM_PROOF
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import SystemSpec
@@ -55,3 +57,8 @@ class ProvedSystem(Shown):
         from fopi_tune.proof.switched.documents import to_document
 
         return to_document(self.certificate)
+
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from json_file(SYSTEM_CERTIFICATE, self.certificate_document())
+        yield from json_file(SYSTEM_PROOF, self.to_dict())

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from fopi_tune.core.controller import FoPi, numbers_of
+from fopi_tune.results.saved.files import json_file
+from fopi_tune.results.saved.names import simulation_kind
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import DesignSpec, Limit, ScenarioSpec, ValidationSpec
@@ -207,6 +209,29 @@ class Simulated(Shown):
             "scenarios": [each.to_dict() for each in self.driven],
             "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
         }
+
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from simulation_files(self)
+
+
+class _Simulations(Protocol):
+    """Simulations of a loop or a system."""
+
+    @property
+    def exact(self) -> bool: ...
+    @property
+    def driven(self) -> tuple[ScenarioResult, ...]: ...
+    def to_dict(self) -> dict[str, Any]: ...
+
+
+def simulation_files(result: _Simulations) -> Iterator[tuple[str, str]]:
+    """The document of simulations, and the signals of each scenario as CSV with all digits."""
+    kind = simulation_kind(result.exact)
+    yield from json_file(f"{kind}.json", result.to_dict())
+    for driven in result.driven:
+        lines = (",".join(repr(value) for value in row) for row in driven.rows())
+        yield f"{kind}_{driven.scenario.name}.csv", "\n".join([",".join(COLUMNS), *lines]) + "\n"
 
 
 def draw_stamp(index: int | None, drawn: ValidationSpec | None) -> dict[str, Any]:

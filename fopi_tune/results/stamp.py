@@ -18,6 +18,8 @@ _DISTRIBUTIONS = ("casadi", "numpy")
 _NUMERIC = ("casadi", "numba", "numpy", "python-flint", "scipy")
 #: endings of this package's files that can
 _SOURCES = (".py", ".yaml", ".jinja")
+#: the examples, which an installation has there and a clone has not; no number depends on them
+_EXAMPLES = "/examples"
 #: `Stamp.solver` of gains for scenarios
 CONVEX_STEPS = "convex steps on simulations"
 #: the same for gains found by convex problems, and for scenarios
@@ -85,6 +87,8 @@ def _sources() -> str:
 def _walk(folder: Traversable, path: str) -> Iterator[tuple[str, bytes]]:
     for entry in sorted(folder.iterdir(), key=lambda e: e.name):
         name = f"{path}/{entry.name}"
+        if name == _EXAMPLES:
+            continue
         if entry.is_dir():
             yield from _walk(entry, name)
         elif entry.name.endswith(_SOURCES):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi, numbers_of
 from fopi_tune.core.switching_lines import turns_entry
 from fopi_tune.core.terms.feedforward import fed_by
-from fopi_tune.results.simulation import ScenarioResult, draw_stamp
+from fopi_tune.results.saved.files import json_file
+from fopi_tune.results.saved.names import CODE_FOLDER, EVIDENCE, SYSTEM_DIGITAL
+from fopi_tune.results.simulation import ScenarioResult, draw_stamp, simulation_files
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.results.views.shown import Shown
 from fopi_tune.spec.model import SystemSpec
@@ -75,6 +77,10 @@ class SimulatedSystem(Shown):
             "stamp": {**asdict(self.stamp), **draw_stamp(self.index, self.spec.validation)},
         }
 
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from simulation_files(self)
+
 
 @dataclass(frozen=True, repr=False)
 class ValidatedSystem(Shown):
@@ -115,6 +121,10 @@ class ValidatedSystem(Shown):
                 "samples_file_sha256": self.evidence.validation.samples_file_sha256,
             },
         }
+
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from json_file(EVIDENCE, self.to_dict())
 
 
 def feedforward_entry(spec: SystemSpec) -> dict[str, dict[str, float]]:
@@ -175,6 +185,11 @@ class DiscretizedSystem(Shown):
             "notes": list(self.notes),
             "stamp": asdict(self.stamp),
         }
+
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`, with the C code."""
+        yield from ((f"{CODE_FOLDER}/{name}", text) for name, text in self.code().items())
+        yield from json_file(SYSTEM_DIGITAL, self.to_dict())
 
     def code(self) -> dict[str, str]:
         """The C code: file name -> text.

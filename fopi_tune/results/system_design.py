@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,6 +11,8 @@ from fopi_tune.montecarlo.statistics import Fraction
 from fopi_tune.proof.verification.results import Verification
 from fopi_tune.results.documents import finite
 from fopi_tune.results.requirement_reports import RequirementReport, requirement_reports
+from fopi_tune.results.saved.files import json_file
+from fopi_tune.results.saved.names import SYSTEM_DESIGN
 from fopi_tune.results.stamp import Stamp
 from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.results.views.shown import Shown
@@ -117,3 +119,7 @@ class DesignedSystem(Shown):
             "notes": list(self.notes),
             "stamp": asdict(self.stamp),
         }
+
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """As `Shown.data_files`."""
+        yield from json_file(SYSTEM_DESIGN, self.to_dict())

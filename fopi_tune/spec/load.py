@@ -214,6 +214,7 @@ def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> Design
     if spec is None:
         raise collector.error()
     found = replace(spec, source=data, content_sha256=content_digest(spec))
+    found = replace(found, as_read=found)
     # not an argument of the class: `dataclasses.replace` leaves it at False
     object.__setattr__(found, "is_as_read", True)
     return found

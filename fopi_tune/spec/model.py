@@ -24,6 +24,7 @@ from fopi_tune.quantities.requirement import Requirement as Requirement
 from fopi_tune.quantities.requirement import Scope as Scope
 from fopi_tune.spec.measures import MEASURES as MEASURES
 from fopi_tune.spec.measures import MeasureKind as MeasureKind
+from fopi_tune.spec.python.entries import text_of_changed
 
 
 class Sense(StrEnum):
@@ -205,6 +206,7 @@ class DesignSpec:
         content_sha256: of what those bytes say, by which a spec that was changed afterwards is told; empty for a spec
             that was not read.
         is_as_read: whether nothing was changed since the text was read.
+        as_read: the spec that was read, of which this one was made; None without one.
         reference: of one member of a list (`spec.lists.members`), the family whose nominal plant is the list's; None
             where that is `plant` itself.
     """
@@ -225,6 +227,7 @@ class DesignSpec:
     content_sha256: str = field(default="", compare=False, repr=False)
     scenario_requirements: tuple[Limit, ...] = ()
     reference: PlantFamily | None = None
+    as_read: DesignSpec | None = field(default=None, compare=False, repr=False)
     is_as_read: bool = field(default=False, init=False, compare=False, repr=False)
 
     def __repr__(self) -> str:
@@ -235,14 +238,12 @@ class DesignSpec:
     def to_yaml(self) -> str:
         """The text that this spec was read from, in YAML; of `ft.spec` one with the same entries.
 
+        Of a spec that was changed by `dataclasses.replace` sections that were changed are written anew.
+
         Raises:
-            DomainError: it was made or changed in Python, and there is no text that says the same.
+            DomainError: what was changed has no words here, such as a measured plant; says which section.
         """
-        if not self.is_as_read:
-            raise DomainError(
-                f"the spec {self.name!r} was made or changed in Python and has no text; write it with ft.spec(...)"
-            )
-        return self.source.decode()
+        return self.source.decode() if self.is_as_read else text_of_changed(self, self.as_read)
 
     @property
     def is_measured(self) -> bool:

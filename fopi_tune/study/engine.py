@@ -10,15 +10,18 @@ A cell with many draws is divided into blocks that all workers count; the sum ha
 from __future__ import annotations
 
 import itertools
+import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+from fopi_tune.pipeline.progress import logged_progress
 from fopi_tune.study.ledger import Cost, Counts, Ledger, cell_keys
 from fopi_tune.study.model import Cell, Study
 from fopi_tune.study.worker import CellResult, run_chunk
 
+_log = logging.getLogger(__name__)
 #: intended duration of a chunk, seconds
 _CHUNK_S = 1.0
 _MOST_IN_A_CHUNK = 64
@@ -134,9 +137,23 @@ def run_study(
     todo = {key: cell for key, cell in zip(keys, study.cells, strict=True) if key not in known}
     if told is not None:
         told(ledger.counts())
+    _log.info("%s: %d cells, %d of them to be run", study.name, len(study.cells), len(todo))
     if todo:
-        _Scheduler(runner(), ledger, versions, told, deque(todo.items())).run_all()
+        logged = _logged(study.name, told)
+        _Scheduler(runner(), ledger, versions, logged, deque(todo.items())).run_all()
     return ledger.counts()
+
+
+def _logged(name: str, told: ProgressCallback | None) -> ProgressCallback:
+    """The callback, and lines in the log."""
+    line = logged_progress(f"{name}: cells")
+
+    def both(counts: Counts) -> None:
+        line(counts.done + counts.failed, counts.total)
+        if told is not None:
+            told(counts)
+
+    return both
 
 
 @dataclass

@@ -124,8 +124,9 @@ def run_page(blocks: Sequence[Block], folder: Path) -> list[tuple[Block, str]]:
 
 def unknown_words(page: str) -> list[str]:
     """Commands and options that a page's sentences name in `code` and that `fopi` does not have."""
-    commands = {name: _options(command) for name, command in get_command(app).commands.items()}  # type: ignore[attr-defined]
-    every = {option for options in commands.values() for option in options}
+    whole = get_command(app)
+    commands = {name: _options(command) for name, command in whole.commands.items()}  # type: ignore[attr-defined]
+    every = {option for options in commands.values() for option in options} | _options(whole)
     wrong = []
     for code in re.findall(r"(?<!`)`([^`\n]+)`(?!`)", _BLOCK.sub("", page)):
         words = code.split()

@@ -16,7 +16,8 @@ from cases.project import CONTINUOUS, IMPORTED
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
-from fopi_tune.cli.output import report_failure, write_file
+from fopi_tune.cli.output import report_failure
+from fopi_tune.results.saved.writing import write_file
 
 BRAKE = str(CONTINUOUS / "brake.yaml")
 OPTIONS = ["--kp", "0.44651475946456753", "--ki", "0.37032589727989074", "--alpha", "0.8319673847369714"]
@@ -24,7 +25,8 @@ OPTIONS = ["--kp", "0.44651475946456753", "--ki", "0.37032589727989074", "--alph
 WRITER = """
 import sys
 from pathlib import Path
-from fopi_tune.cli.output import report_failure, write_file
+from fopi_tune.cli.output import report_failure
+from fopi_tune.results.saved.writing import write_file
 texts = [letter * 3_000_000 for letter in "ab"]
 for turn in range(10**9):
     write_file(Path(sys.argv[1]), texts[turn % 2])

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import html
 import math
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.errors import DomainError
+from fopi_tune.results.saved.writing import write_file
 from fopi_tune.results.views.tables import Row, html_table, rows_of
 
 if TYPE_CHECKING:
@@ -24,6 +27,39 @@ class Shown(ABC):
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """The result's JSON."""
+
+    @abstractmethod
+    def data_files(self) -> Iterator[tuple[str, str | bytes]]:
+        """The files that hold the result, without figures: name in the folder of results, and content.
+
+        The spec is the first one and the document that states the gains the last.
+
+        Raises:
+            DomainError: a controller cannot be exported as code.
+        """
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write the files that hold the result, as the command line does; `ft.load` reads them again.
+
+        Each file is replaced at once or not at all.  Figures and pages are not among them: `fopi report` makes them.
+
+        Args:
+            folder: where; made where there is none.
+
+        Returns:
+            The folder.
+
+        Raises:
+            DomainError: the folder cannot be written to, or a controller cannot be exported as code.
+        """
+        path = Path(folder)
+        for name, content in list(self.data_files()):
+            try:
+                write_file(path / name, content)
+            except OSError as error:
+                reason = error.strerror or str(error)
+                raise DomainError(f"cannot write {path / name} ({reason}); give another folder") from None
+        return path
 
     def rows(self) -> list[Row]:
         """A row for each requirement, limit or measure, as in the table of the notebook."""

@@ -55,6 +55,13 @@ def yaml_of(entries: Mapping[str, Any]) -> str:
     return text.getvalue()
 
 
+def read_entries(text: bytes) -> dict[str, Any]:
+    """The entries of a text that was read as a spec already."""
+    from ruamel.yaml import YAML
+
+    return YAML(typ="safe", pure=True).load(text)
+
+
 def _plain(value: Any, path: str, depth: int) -> Any:
     """What YAML has: mappings, lists, text, numbers, True and False."""
     if depth > _MOST_NESTED:

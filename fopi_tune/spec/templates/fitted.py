@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context
 
 from fopi_tune.core.plant import PlantFamily, Uncertain
-from fopi_tune.spec.templates.sections import TemplateSections, digital_section
+from fopi_tune.spec.templates.sections import TemplateSections, digital_section, scenarios_section
 
 #: columns of a comment
 _WIDTH = 116
@@ -35,6 +35,9 @@ def sections_for_fitted(plant: PlantFamily, about: Sequence[str]) -> TemplateSec
 
     Sample time: about 1/50 of time constant plus dead time, or 1/12 of 1 / (geometric mean of the crossover limits)
     where that is longer, because a dead time of many samples makes the sampled loop hard to prove.
+
+    Scenario: a step to 1, and in its middle a load that asks for a fifth of the control that holds it, or of an
+    integrator, which needs none, of wc over its gain.  Each lasts 15/wc, some 18 times the longest time constant.
 
     Args:
         plant: of model `lag`, `transfer_function` with a denominator of second degree, or `pole` at 0.
@@ -73,8 +76,15 @@ requirements:
         objective="""\
 # objective: {minimize: iae_disturbance}     # without it, room is left on all sides""",
         digital=digital_section(repr(sample_time_s), f"[{band[0]:.1e}, {band[1]:.1e}]"),
+        scenarios=_scenario(slowest, gain.nominal / (slowest if plant.model == "pole" else 1.0)),
         uncertain_name=f'"{wide[0]}"' if wide and "[" in wide[0] else wide[0] if wide else "dead_time_s",
     )
+
+
+def _scenario(crossover: float, gain: float) -> str:
+    """A step and a load for a crossover, rad/s, and a plant's gain at rest, or of an integrator at the crossover."""
+    part = rounded(15 / crossover, 2, ROUND_CEILING)
+    return scenarios_section(repr(2 * part), "1.0", (repr(part), repr(rounded(-0.2 / gain, 2, ROUND_HALF_EVEN))))
 
 
 #: limit of |S| far below the crossover, in dB, and what it is for.  An integrator has 40 dB there without integral

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -12,7 +13,8 @@ class TemplateSections:
     Args:
         model: the word after `model:`.
         description: one sentence.
-        plant: the section, as are `controller`, `requirements`, `objective` (which may be a comment) and `digital`.
+        plant: the section, as are `controller`, `requirements`, `objective` (which may be a comment), `digital` and
+            `scenarios` (with `limits`, which may be a comment).
         uncertain_name: one of its uncertain numbers, for the examples of distributions; quoted where YAML needs it.
     """
 
@@ -23,6 +25,7 @@ class TemplateSections:
     requirements: str
     objective: str
     digital: str
+    scenarios: str
     uncertain_name: str
 
     def texts(self) -> dict[str, str]:
@@ -30,8 +33,15 @@ class TemplateSections:
         return {name: text.rstrip() for name, text in vars(self).items() if name != "model"}
 
 
-def digital_section(sample_time_s: str, band_rad_s: str) -> str:
-    """The section `digital`, with a sample time in s and a band in rad/s; the design is that of the loop on samples."""
+def digital_section(sample_time_s: str, band_rad_s: str, output_limits: str | None = None) -> str:
+    """The section `digital` of a design of the loop on samples.
+
+    Args:
+        sample_time_s: s.
+        band_rad_s: where the approximation holds, rad/s.
+        output_limits: of the control, in its unit; None where they are not known, and then a comment.
+    """
+    limits = "# output_limits: [-1.0, 1.0]" if output_limits is None else f"output_limits: {output_limits}"
     return f"""\
 digital:
   {f"sample_time_s: {sample_time_s}":<27} # short against 1 / crossover_rad_s
@@ -41,7 +51,30 @@ digital:
   rule: tustin                # or matched
   delay_samples: 0            # computing delay
   design: sampled             # the requirements are about the loop on samples; or continuous
+  {limits:<27} # of the control; also in the exported C code
+  # measurement_unit: km/h
 """
+
+
+def scenarios_section(duration_s: str, reference: str, load: tuple[str, str], limits: Sequence[str] = ()) -> str:
+    """The sections `scenarios` and `limits`: a step of the reference, then a load.
+
+    Args:
+        duration_s: s.
+        reference: setpoint from 0 s on, output unit.
+        load: from when on, s, and how much, control unit.
+        limits: entries of `limits`, with comments; an example in a comment where there are none.
+    """
+    judged = "".join(f"  - {entry}\n" for entry in limits)
+    return f"""\
+scenarios:
+  - name: step_and_load
+    duration_s: {duration_s}
+    {f"reference: [{{at_s: 0, value: {reference}}}]":<45} # a new setpoint, in the output's unit
+    {f"load: [{{at_s: {load[0]}, value: {load[1]}}}]":<45} # then a disturbance at the plant's input, control's unit
+    # noise_std: 0.01           # of the measurement; also quantum, rate_per_s (of the control), initial_output
+{"limits:" if judged else "# limits:"}
+{judged or "#   - overshoot: {at_most: 0.2}"}"""
 
 
 _GAINS = """\
@@ -76,7 +109,13 @@ requirements:
     to_rad_s: 0.0025
 """,
     objective="objective: {minimize: phase_margin_spread_deg}",
-    digital=digital_section("0.2", "[1.0e-3, 1.0e3]"),
+    digital=digital_section("0.2", "[1.0e-3, 1.0e3]", "[-2.0, 2.0]"),
+    scenarios=scenarios_section(
+        "120",
+        "1.0",
+        ("60", "-0.2"),
+        ("overshoot: {at_most: 0.1}                # beyond the setpoint", "final_error: {at_most: 0.02}"),
+    ),
     uncertain_name="time_constant_s",
 )
 
@@ -103,7 +142,13 @@ requirements:
     to_rad_s: 0.003
 """,
     objective="objective: {maximize: ki}",
-    digital=digital_section("0.1", "[1.0e-3, 1.0e3]"),
+    digital=digital_section("0.1", "[1.0e-3, 1.0e3]", "[-1.0, 1.0]"),
+    scenarios=scenarios_section(
+        "120",
+        "10.0",
+        ("60", "-0.1"),
+        ("overshoot: {at_most: 1.0}                # beyond the setpoint", "final_error: {at_most: 0.2}"),
+    ),
     uncertain_name="gain",
 )
 
@@ -132,7 +177,13 @@ requirements:
 """,
     objective="""\
 # objective: {minimize: iae_disturbance}     # without it, room is left on all sides""",
-    digital=digital_section("0.05", "[1.0e-3, 1.0e3]"),
+    digital=digital_section("0.05", "[1.0e-3, 1.0e3]", "[-2.0, 2.0]"),
+    scenarios=scenarios_section(
+        "80",
+        "1.0",
+        ("40", "-0.2"),
+        ("overshoot: {at_most: 0.2}                # beyond the setpoint", "final_error: {at_most: 0.02}"),
+    ),
     uncertain_name='"denominator[1]"',
 )
 

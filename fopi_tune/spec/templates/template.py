@@ -45,8 +45,10 @@ description: {description}
 
 # How the gains become a controller on the computer (`fopi run` exports C code).  Remove the section if there is none.
 {digital}
-  # output_limits: [-1.0, 1.0]                  # of the control; also in the exported C code
-  # measurement_unit: km/h
+
+# What `fopi simulate` drives the loop through, and `fopi validate` every drawn plant; both judge it by `limits`.
+# With `scenario: step_and_load` a limit may stand among the requirements, too: gains are then designed for it.
+{scenarios}
 
 # How many plants the Monte-Carlo test draws from the family, and its seed.
 validation:

@@ -4,6 +4,15 @@ The controller's sign is that with which  s D(s) + (kp s + ki) N(s)  has a last 
 Upper limit of the crossover: the highest frequency at which the plant leaves a PI, or if there is none a PID, enough
 phase; at most a few times the fastest of its zeros, poles and 1/dead time.  With |S| limited to 6 dB a stable plant
 always has gains: small ones.
+
+An unstable plant needs a crossover above its poles, here twice the fastest one, and no controller gets |S| below
+
+    max over its zeros z with Re z > 0 of  prod |z + conj(p)|/|z - p|   over its unstable poles p ,                  (1)
+
+nor |T| below e^(p dead time). Limits of |S| and of the margins leave 4 dB above the larger one.
+
+Source: (1) is the Poisson interpolation bound, Skogestad and Postlethwaite, Multivariable Feedback Control, 2nd ed.,
+section 5.3, theorem 5.2 and 5.4.
 """
 
 from __future__ import annotations
@@ -11,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING
+from decimal import ROUND_CEILING, ROUND_HALF_EVEN
 from fractions import Fraction
 
 import numpy as np
@@ -19,7 +28,7 @@ from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.spec.templates.fitted import comment, one_two_five, rounded
-from fopi_tune.spec.templates.sections import TemplateSections, digital_section
+from fopi_tune.spec.templates.sections import TemplateSections, digital_section, scenarios_section
 from fopi_tune.spec.transfer_functions import WrittenPlant
 
 #: the plant's phase, in degrees, at the highest crossover of a PI (65 are left for margin and integral) and of a PID
@@ -30,6 +39,14 @@ _LESS = 15.0
 _FASTER = 3.0
 #: rad of phase that a sample may cost at the highest crossover, twice
 _PHASE_OF_A_SAMPLE = 0.08
+#: the highest crossover over the fastest unstable pole, at least
+_ABOVE_POLE = 2.0
+#: dB by which limits of |S| leave room above what no controller can do
+_ABOVE_FLOOR_DB = 4.0
+#: times a pole's rate; with a longer dead time no controller will do
+_LONGEST = 5.0
+#: of one part of the scenario
+_MOST_SAMPLES = 10_000
 
 
 def sections_for_written(plant: WrittenPlant, about: Sequence[str]) -> TemplateSections:
@@ -53,14 +70,10 @@ def sections_for_written(plant: WrittenPlant, about: Sequence[str]) -> TemplateS
         description="Robust control of a plant given by its transfer function.",
         plant=comment(about) + text,
         controller=_controller(side, derivative, (0.1 if facts.unstable else 0.2) / crossover, step),
-        requirements=f"""\
-requirements:
-{speed}  - phase_margin_deg: {{at_least: {40 if facts.is_hard else 50}}}        # damping of the loop
-  - gain_margin_db: {{at_least: {5 if facts.is_hard else 6}}}           # the gain may be so much larger
-  - sensitivity_db: {{at_most: {8 if facts.is_hard else 6}}}            # distance from -1
-""",
+        requirements=_requirements(speed, facts),
         objective="objective: {minimize: iae_disturbance}   # a load on the plant is taken away as well as possible",
         digital=digital_section(repr(step), f"[{10.0 ** (power - 3):.1e}, {10.0 ** (power + 4):.1e}]"),
+        scenarios=_scenario(plant, facts, crossover, step),
         uncertain_name=last_name,
     )
 
@@ -77,6 +90,9 @@ class _Facts:
         omega: frequencies, rad/s, shape (n,).
         phase: of `sign` times the plant, degrees, continuous from that of a PI's plant on, shape (n,).
         fastest: the largest rate, rad/s; 1 of a plant without any.
+        slowest: the smallest, rad/s.
+        fastest_unstable: the largest rate of a pole with a real part above 0, rad/s; 0 without one.
+        least_peak: below which no controller gets the largest |S| and |T|; (1).
     """
 
     sign: int
@@ -86,6 +102,9 @@ class _Facts:
     omega: Array
     phase: Array
     fastest: float
+    slowest: float
+    fastest_unstable: float
+    least_peak: float
 
     @property
     def is_hard(self) -> bool:
@@ -108,8 +127,15 @@ def _facts(plant: WrittenPlant) -> _Facts:
     for pole in poles:
         angle = angle - np.angle(1j * omega - pole)
     angle = np.unwrap(angle) + 0.5 * math.pi * (ends[0] - ends[1]) - omega * delay
-    unstable = int(np.count_nonzero(poles.real > 0.0))
-    return _Facts(sign, ends[1], ends[0], unstable, omega, np.degrees(angle), max(middle))
+    right = poles[poles.real > 0.0]
+    beside = zeros[zeros.real > 0.0]
+    peaks = [float(np.prod(np.abs((z + right.conj()) / (z - right)))) for z in beside]
+    peaks += [math.exp(min(float(p.real) * delay, _LONGEST)) for p in right]
+    fastest = float(np.abs(right).max(initial=0.0))
+    return _Facts(
+        sign, ends[1], ends[0], len(right), omega, np.degrees(angle), max(middle), min(middle), fastest,
+        max([1.0, *peaks]),
+    )  # fmt: skip
 
 
 def _roots_off_0(coefficients: tuple[Fraction, ...]) -> NDArray[np.complex128]:
@@ -133,7 +159,46 @@ def _crossover(facts: _Facts) -> tuple[float, bool]:
     best = float(facts.phase[reached].max())
     least, derivative = (_PHASE_PI, False) if best >= _PHASE_PI else (min(_PHASE_PID, best - _LESS), True)
     enough = np.flatnonzero((facts.phase >= least) & reached)
-    return rounded(float(facts.omega[enough[-1]]), 2, ROUND_CEILING), derivative
+    highest = max(float(facts.omega[enough[-1]]), _ABOVE_POLE * facts.fastest_unstable)
+    return rounded(highest, 2, ROUND_CEILING), derivative
+
+
+def _requirements(speed: str, facts: _Facts) -> str:
+    """The section, with the entry of the crossover's limit that is given."""
+    phase, gain, peak = (40, 5, 8) if facts.is_hard else (50, 6, 6)
+    floor = 20.0 * math.log10(facts.least_peak)
+    about = ""
+    if floor + _ABOVE_FLOOR_DB > peak:
+        peak = math.ceil(floor + _ABOVE_FLOOR_DB)
+        # |S| <= M alone gives a phase margin of 2 asin(1/(2M)) and a gain margin of M/(M - 1)
+        largest = 10.0 ** (peak / 20.0)
+        phase = math.floor(math.degrees(2.0 * math.asin(0.5 / largest)))
+        gain = math.floor(200.0 * math.log10(largest / (largest - 1.0))) / 10.0
+        about = f"; with any controller it exceeds {math.floor(10.0 * floor) / 10.0:g} dB"
+    return f"""\
+requirements:
+{speed}  - phase_margin_deg: {{at_least: {phase}}}        # damping of the loop
+  - gain_margin_db: {{at_least: {gain}}}           # the gain may be so much larger
+  - sensitivity_db: {{at_most: {peak}}}            # distance from -1{about}
+"""
+
+
+def _scenario(plant: WrittenPlant, facts: _Facts, crossover: float, step: float) -> str:
+    """A step to 1, and in its middle a load that asks for a fifth of the control that holds it.
+
+    Of a plant that has no gain at rest the gain at the highest crossover counts.  Each part lasts some times as long as
+    the slowest of the loop's own and the plant's motions, but no more samples than are quickly simulated.
+    """
+    ends = float(plant.numerator[-1]), float(plant.denominator[-1])
+    gain = ends[0] / ends[1] if all(ends) else abs(_response(plant, crossover))
+    longest = max(40.0 / crossover, 8.0 / facts.slowest)
+    part = rounded(min(longest, _MOST_SAMPLES * step), 2, ROUND_CEILING)
+    return scenarios_section(repr(2 * part), "1.0", (repr(part), repr(rounded(-0.2 / gain, 2, ROUND_HALF_EVEN))))
+
+
+def _response(plant: WrittenPlant, omega: float) -> complex:
+    top, bottom = (np.polyval([float(c) for c in side], 1j * omega) for side in (plant.numerator, plant.denominator))
+    return complex(top / bottom)
 
 
 def _controller(side: str, derivative: bool, filter_time: float, step: float) -> str:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
+from cases.random_written import random_written
 from ruamel.yaml import YAML
 from typer.testing import CliRunner, Result
 
 from fopi_tune.cli import app
+from fopi_tune.pipeline.run import run
+from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
@@ -89,3 +93,42 @@ def test_a_common_factor_is_told_on_the_screen_and_in_the_spec() -> None:
     assert "The common factor s + 1 of numerator and denominator is left out." in result.stderr
     assert "The common factor s + 1" in Path("given.yaml").read_text(encoding="utf-8")
     assert load_spec("given.yaml").plant.parameters["pole_rad_s"].nominal == 2.0
+
+
+@pytest.mark.long
+def test_random_plants_are_solved_and_simulated_or_unstable_ones_say_why_not() -> None:
+    plants = random_written(100, seed=7)
+    missed: list[str] = []
+    for text in plants:
+        assert fopi("init", "given", "--from-tf", text, "--force", "--no-schema").exit_code == 0, text
+        spec = load_spec("given.yaml")
+        made = run(spec)
+        if made.status != "met":
+            assert "(s-" in text, text
+            # a PID need not stabilise every plant, nor keep |S| below 8 dB
+            assert made.design.status is Status.INFEASIBLE, text
+            assert re.search(r"no gains .* stable loop|cannot be met|cannot hold together", made.design.message), text
+            missed.append(text)
+        elif made.design.gains is not None:
+            assert simulate(spec, made.design.gains).status == "met", text
+    assert len(missed) <= 5, missed
+
+
+def test_limits_leave_room_above_what_no_controller_can_do() -> None:
+    # z = 2.857, p = 1.82: |S| >= |z + p|/|z - p| = 4.51, 13.1 dB, at the zero for any controller
+    assert fopi("init", "given", "--from-tf", "-0.0362*(-0.35*s+1)/((s-1.82)*(0.129*s+1))").exit_code == 0
+    text = Path("given.yaml").read_text(encoding="utf-8")
+    assert "sensitivity_db: {at_most: 18}            # distance from -1; with any controller it exceeds 13 dB" in text
+    assert tune("given.yaml", proof=False).status is Status.SOLVED
+
+
+@pytest.mark.parametrize("text", GIVEN[::5])
+def test_the_scenario_is_simulated_and_stays_finite(text: str) -> None:
+    assert fopi("init", "given", "--from-tf", text).exit_code == 0
+    spec = load_spec("given.yaml")
+    (scenario,) = spec.scenarios
+    assert (len(scenario.reference), len(scenario.load)) == (1, 1)
+    assert 0.0 < scenario.load[0].at_s < scenario.duration_s
+    design = tune(spec, proof=False)
+    assert design.gains is not None
+    assert simulate(spec, design.gains).status == "met"

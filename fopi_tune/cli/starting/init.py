@@ -6,7 +6,7 @@ A commented spec comes from an example, a transfer function or recordings.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune.cli.gains import number_option
-from fopi_tune.cli.output import bad_input, print_out, reason_of, say, to_json, write_file
+from fopi_tune.cli.output import bad_input, reason_of, say
 from fopi_tune.errors import DomainError
+from fopi_tune.results.saved.writing import to_json, write_file
 
 if TYPE_CHECKING:
     from fopi_tune.identification import FitModel, ReadOptions, Recording
@@ -115,6 +116,15 @@ FromOption = Annotated[
     number_option("--from", metavar="TIME", help="Fit the outputs from this time of the recording on."),
 ]
 ToOption = Annotated[float | None, number_option("--to", metavar="TIME", help="Fit the outputs until this time.")]
+ExampleOption = Annotated[
+    str | None,
+    typer.Option(
+        "--example",
+        metavar="NAME",
+        help="Instead: write an example that ships, and the files that it names, into this folder.",
+    ),
+]
+ListOption = Annotated[bool, typer.Option("--list", help="Print the names of the examples, and what each shows.")]
 NoSchemaOption = Annotated[bool, typer.Option("--no-schema", help="Leave out the JSON Schema that editors read.")]
 
 
@@ -157,6 +167,27 @@ class InitOptions:
     out: str | None
     force: bool
     schema: bool
+    example: str | None = None
+    list_examples: bool = False
+
+
+def start(options: InitOptions) -> None:
+    """Write a spec or an example, or list the examples.
+
+    Raises:
+        typer.Exit: as `write_spec` and `write_example`; options that do not go together.
+    """
+    if options.example is None and not options.list_examples:
+        write_spec(options)
+        return
+    asked = InitOptions((), None, None, (), RecordingOptions(), None, options.force, options.schema)
+    if replace(options, example=None, list_examples=False) != asked or (options.example and options.list_examples):
+        raise bad_input("--example NAME and --list go with no other name or option than --force; leave the others out")
+    from fopi_tune.cli.starting.examples import list_examples, write_example
+
+    if options.example is None:
+        raise typer.Exit(list_examples())
+    write_example(options.example, options.force)
 
 
 def write_spec(options: InitOptions) -> None:
@@ -280,20 +311,3 @@ def _write(path: Path, text: str) -> None:
         write_file(path, text)
     except OSError as error:
         raise bad_input(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
-
-
-def schema(
-    system: Annotated[bool, typer.Option("--system", help="The language of systems instead.")] = False,
-    study: Annotated[bool, typer.Option("--study", help="The language of studies instead.")] = False,
-) -> None:
-    """Print the spec language as JSON Schema."""
-    from fopi_tune.spec.language import json_schema
-    from fopi_tune.spec.systems import system_json_schema
-
-    if system and study:
-        raise bad_input("--system and --study are two languages; leave one of them out")
-    if study:
-        from fopi_tune.study.load import study_json_schema
-
-        raise typer.Exit(print_out(to_json(study_json_schema())))
-    raise typer.Exit(print_out(to_json(system_json_schema() if system else json_schema())))

@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner, Result
 
 from fopi_tune.cli import app
-from fopi_tune.cli.init import Fitted, Model, Unit
+from fopi_tune.cli.starting.init import Fitted, Model, Unit
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PLANT_MODELS, Plant, PlantFamily, Uncertain
 from fopi_tune.identification import FitModel, TimeUnit
@@ -95,9 +95,12 @@ def test_every_start_is_designed_as_the_loop_on_samples() -> None:
     starts = [*SECTIONS_BY_MODEL.values()]
     starts.append(sections_for_fitted(lags(Uncertain.exactly(1.0), Uncertain.exactly(2.0), Uncertain.exactly(0.1)), []))
     for start in starts:
-        digital = parse_spec(template("a", start)).digital
-        assert digital is not None
-        assert digital.designs_sampled
+        spec = parse_spec(template("a", start))
+        assert spec.digital is not None
+        assert spec.digital.designs_sampled
+        (scenario,) = spec.scenarios
+        assert scenario.reference
+        assert scenario.load
 
 
 def test_every_distribution_in_a_start_can_be_used_for_its_plant() -> None:
@@ -386,8 +389,9 @@ def test_a_spec_from_a_model_is_solved(model: str) -> None:
 @pytest.mark.parametrize("model", list(SECTIONS_BY_MODEL))
 def test_every_stage_succeeds_on_a_spec_from_a_model(model: str) -> None:
     assert fopi("init", "x", "--plant", model).exit_code == 0
-    result = fopi("run", "x.yaml", "-q")
-    assert result.exit_code == 0, result.output
+    for command in ("run", "simulate", "validate"):
+        result = fopi(command, "x.yaml", "-q")
+        assert result.exit_code == 0, result.output
 
 
 @pytest.mark.long

@@ -1,0 +1,1 @@
+"""Results as files:  what the command line writes, and reading it again."""

@@ -1,0 +1,43 @@
+"""Writing of files:  the only module that writes results, each of them at once or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+from pathlib import Path
+
+
+def to_json(document: object) -> str:
+    """Strict JSON: NaN and infinity are errors of the tool, not output."""
+    return json.dumps(document, indent=2, allow_nan=False)
+
+
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file atomically, and create its folder.
+
+    Whenever the process ends, the file is the old one or the new one.  A process killed while writing leaves a hidden
+    temporary file beside it.
+
+    Args:
+        path: the file.
+        content: text, written as UTF-8 with its line ends as they are, or bytes.
+
+    Raises:
+        OSError: not writable; an existing file is unchanged.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    # a random name: in a container the process id is the same in every run, and a killed run may have left its file
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    try:
+        with open(temporary, "xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise
