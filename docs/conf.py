@@ -1,5 +1,6 @@
 """How the pages are built: `sphinx-build -W -b html docs build/docs`.  Nothing here needs a network."""
 
+import logging
 import sys
 from pathlib import Path
 
@@ -8,6 +9,9 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 sys.path.append(str(Path(__file__).parents[1]))
 
 from fopi_tune import __version__
+
+# a style of colours makes all logs be printed, and what is printed is a warning of the pages
+logging.getLogger("fopi_tune").setLevel(logging.WARNING)
 
 project = "fopi-tune"
 author = "the fopi-tune authors"

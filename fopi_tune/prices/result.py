@@ -14,6 +14,7 @@ from fopi_tune.results.documents import finite
 from fopi_tune.results.saved.files import json_file
 from fopi_tune.results.saved.names import TRADEOFF
 from fopi_tune.results.stamp import Stamp
+from fopi_tune.results.views.shown import Saved
 from fopi_tune.spec.model import DesignSpec, Limit, Requirement, Scope
 
 #: version of the result's JSON; it may only grow
@@ -106,7 +107,7 @@ def _about(requirement: Requirement | Limit) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, repr=False)
-class Tradeoff:
+class Tradeoff(Saved):
     """The objective against one limit, all else unchanged.
 
     Args:

@@ -21,12 +21,8 @@ if TYPE_CHECKING:
 _MOST_LINES, _WIDTH = 10, 78
 
 
-class Shown(ABC):
-    """A result that shows itself."""
-
-    @abstractmethod
-    def to_dict(self) -> dict[str, Any]:
-        """The result's JSON."""
+class Saved(ABC):
+    """What can be written to files as the command line does."""
 
     @abstractmethod
     def data_files(self) -> Iterator[tuple[str, str | bytes]]:
@@ -60,6 +56,14 @@ class Shown(ABC):
                 reason = error.strerror or str(error)
                 raise DomainError(f"cannot write {path / name} ({reason}); give another folder") from None
         return path
+
+
+class Shown(Saved):
+    """A result that shows itself."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The result's JSON."""
 
     def rows(self) -> list[Row]:
         """A row for each requirement, limit or measure, as in the table of the notebook."""

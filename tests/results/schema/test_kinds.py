@@ -89,7 +89,8 @@ def test_every_kind_and_every_way_to_end_is_among_the_commands(tmp_path: Path, m
 
 def changed(document: Any) -> Iterator[tuple[str, Any]]:
     """The document with each key of each object left out once, and renamed once; and the key."""
-    for key, value in document.items() if isinstance(document, dict) else enumerate(document):
+    entries: Any = document.items() if isinstance(document, dict) else enumerate(document)
+    for key, value in entries:
         if isinstance(document, dict):
             others = {other: each for other, each in document.items() if other != key}
             yield key, others

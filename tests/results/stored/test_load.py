@@ -17,7 +17,6 @@ from typer.testing import CliRunner
 
 import fopi_tune as ft
 from fopi_tune.cli import app
-from fopi_tune.results.views.shown import Shown
 
 BRAKE = ROOT / "specs" / "brake.yaml"
 CAR = ROOT / "systems" / "car.yaml"
@@ -53,12 +52,12 @@ def text(document: dict[str, Any]) -> str:
 
 @pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.long) if k in SLOW else k for k in RESULTS])
 def test_what_is_saved_is_read_again(kind: str, tmp_path: Path) -> None:
-    result: Shown = RESULTS[kind]()
+    result: Any = RESULTS[kind]()
     assert result.save(tmp_path / "deep" / "out") == tmp_path / "deep" / "out"
     again = ft.load(tmp_path / "deep" / "out")
     assert again.kind == kind
     assert text(again.to_dict()) == text(result.to_dict())
-    assert again.rows() == result.rows() or kind == "tradeoff"
+    assert kind == "tradeoff" or again.rows() == result.rows()
     assert again.status == getattr(result, "status", None)
     assert len(repr(again)) <= 800
     assert pickle.loads(pickle.dumps(again)).to_dict() == result.to_dict()
