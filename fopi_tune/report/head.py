@@ -116,7 +116,7 @@ def _polynomial(family: PlantFamily, which: str) -> str:
         unit = "" if power == 0 else "s" if power == 1 else f"s^{power}"
         factor = "" if value == 1.0 and unit else number(value)
         terms += [f"{factor} {unit}".strip()] if value else []
-    return " + ".join(terms) or "0"
+    return " + ".join(terms).replace("+ -", "− ") or "0"
 
 
 def _range(value: Uncertain, unit: str) -> str:

@@ -27,10 +27,10 @@ def test_the_head_says_plant_box_and_loop() -> None:
 
 
 def test_a_transfer_function_is_told_by_its_polynomials_and_its_ranges() -> None:
-    plant = "{model: transfer_function, numerator: [2], denominator: [1, {nominal: 1.2, min: 0.9, max: 1.5}, 0]}"
+    plant = "{model: transfer_function, numerator: [1, -2], denominator: [1, {nominal: 1.2, min: 0.9, max: 1.5}, 0]}"
     text = re.sub(r"plant:\n(?:  .*\n)+", f"plant: {plant}\n", BRAKE)
     said = dict(head_of(replace(brake_documents(), spec=parse_spec(text))))["plant"]
-    assert said == "P(s) = (2)/(s^2 + 1.2 s), the nominal one: denominator[1] 1.2, anywhere in [0.9, 1.5]"
+    assert said == "P(s) = (s − 2)/(s^2 + 1.2 s), the nominal one: denominator[1] 1.2, anywhere in [0.9, 1.5]"
 
 
 def test_links_are_to_the_files_that_a_run_writes() -> None:
