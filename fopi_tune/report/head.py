@@ -19,7 +19,6 @@ _MOST = 12
 _FORMULAS = {
     "lag": "P(s) = K e^(−Ls)/(τs + 1)",
     "pole": "P(s) = K e^(−Ls)/(s + p)",
-    "transfer_function": "P(s) = N(s) e^(−Ls)/D(s)",
 }
 _STRUCTURES = {
     "fopi": "C(s) = kp + ki/s^α",
@@ -97,11 +96,27 @@ def _plant(spec: DesignSpec) -> str:
 
 
 def _family(family: PlantFamily) -> str:
-    numbers = [f"{name_and_unit(name)[0]}{_range(value, name_and_unit(name)[1])}"
-               for name, value in family.parameters.items() if value != Uncertain(0.0, 0.0, 0.0)]  # fmt: skip
-    shown = numbers[:_MOST] + ([f"and {len(numbers) - _MOST} more"] if len(numbers) > _MOST else [])
+    named = {name: value for name, value in family.parameters.items() if value != Uncertain(0.0, 0.0, 0.0)}
     formula = _FORMULAS.get(family.model, family.model.replace("_", " "))
-    return f"{formula}: {', '.join(shown)}"
+    if family.model == "transfer_function":
+        top, bottom = (_polynomial(family, name) for name in ("numerator", "denominator"))
+        late = " e^(−Ls)" if "dead_time_s" in named else ""
+        formula = f"P(s) = ({top}){late}/({bottom}), the nominal one"
+        named = {name: value for name, value in named.items() if not value.is_exact or name == "dead_time_s"}
+    numbers = [f"{name_and_unit(name)[0]}{_range(value, name_and_unit(name)[1])}" for name, value in named.items()]
+    shown = numbers[:_MOST] + ([f"and {len(numbers) - _MOST} more"] if len(numbers) > _MOST else [])
+    return ": ".join(part for part in (formula, ", ".join(shown)) if part)
+
+
+def _polynomial(family: PlantFamily, which: str) -> str:
+    """The nominal polynomial: "s² + 1.2 s + 1"."""
+    values = [value.nominal for name, value in family.parameters.items() if name.startswith(f"{which}[")]
+    terms = []
+    for power, value in zip(range(len(values) - 1, -1, -1), values, strict=True):
+        unit = "" if power == 0 else "s" if power == 1 else f"s^{power}"
+        factor = "" if value == 1.0 and unit else number(value)
+        terms += [f"{factor} {unit}".strip()] if value else []
+    return " + ".join(terms).replace("+ -", "− ") or "0"
 
 
 def _range(value: Uncertain, unit: str) -> str:
@@ -132,7 +147,8 @@ def _loop(spec: DesignSpec) -> str:
         return "in continuous time"
     said = f"a computer with samples of {number(digital.sample_time_s)} s"
     if digital.delay_samples:
-        said += f", {number(digital.delay_samples)} samples of computing delay"
+        many = "sample" if digital.delay_samples == 1.0 else "samples"
+        said += f", {number(digital.delay_samples)} {many} of computing delay"
     if digital.output_limits is not None:
         low, high = digital.output_limits
         said += f", control in [{number(low)}, {number(high)}]"

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 from cases.plants import PUBLISHED_BRAKE
 from cases.reports import BRAKE, brake_documents, run_of
 
 from fopi_tune.core.controller import FoPid
 from fopi_tune.report.documents import documents_of_run
 from fopi_tune.report.head import controller_words, files_of_page, head_of
+from fopi_tune.spec import parse_spec
 
 
 def test_the_head_says_plant_box_and_loop() -> None:
@@ -20,6 +24,13 @@ def test_the_head_says_plant_box_and_loop() -> None:
     assert said["controller"] == "C(s) = kp + ki/s^α with kp in [0, 10], ki in [0, 10], α in [0.3, 1.5]"
     assert said["loop"].startswith("a computer with samples of 0.2 s")
     assert said["tool"] == f"fopi_tune {brake_documents().design['stamp']['versions']['fopi-tune']}"
+
+
+def test_a_transfer_function_is_told_by_its_polynomials_and_its_ranges() -> None:
+    plant = "{model: transfer_function, numerator: [1, -2], denominator: [1, {nominal: 1.2, min: 0.9, max: 1.5}, 0]}"
+    text = re.sub(r"plant:\n(?:  .*\n)+", f"plant: {plant}\n", BRAKE)
+    said = dict(head_of(replace(brake_documents(), spec=parse_spec(text))))["plant"]
+    assert said == "P(s) = (s − 2)/(s^2 + 1.2 s), the nominal one: denominator[1] 1.2, anywhere in [0.9, 1.5]"
 
 
 def test_links_are_to_the_files_that_a_run_writes() -> None:
