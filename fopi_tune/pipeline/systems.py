@@ -12,7 +12,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
-from fopi_tune.pipeline.progress import logged_progress
+from fopi_tune.montecarlo.progress import logged_progress
 from fopi_tune.pipeline.scenario_results import (
     continuous_result,
     plant_point,

@@ -11,8 +11,8 @@ from fopi_tune.core.fractional_plants.family import ON_SAMPLES, refuse_fractiona
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.errors import DomainError
+from fopi_tune.montecarlo.progress import logged_progress
 from fopi_tune.pipeline.discretize import discretize
-from fopi_tune.pipeline.progress import logged_progress
 from fopi_tune.pipeline.scenario_results import refuse_start
 from fopi_tune.results.design import Validated
 from fopi_tune.spec import load_spec

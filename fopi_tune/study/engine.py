@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
-from fopi_tune.pipeline.progress import logged_progress
+from fopi_tune.montecarlo.progress import logged_progress
 from fopi_tune.study.ledger import Cost, Counts, Ledger, cell_keys
 from fopi_tune.study.model import Cell, Study
 from fopi_tune.study.worker import CellResult, run_chunk

@@ -28,9 +28,9 @@ def test_the_continuous_twin_differs_in_the_loop_alone(name: str) -> None:
     sampled = ft.load_spec(ROOT / "specs" / f"{name}.yaml")
     continuous = ft.load_spec(ROOT / "specs" / f"{name}_continuous.yaml")
     assert sampled.digital is not None
-    assert continuous.digital is not None
     assert sampled.digital.design == "sampled"
-    assert continuous.digital.design == "continuous"
+    # its gains on samples miss: it is about the loop in continuous time alone
+    assert continuous.digital is None
     for part in ("plant", "controller", "objective"):
         assert getattr(sampled, part) == getattr(continuous, part)
     assert [str(r.limits) for r in sampled.requirements] == [str(r.limits) for r in continuous.requirements]

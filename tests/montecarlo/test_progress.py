@@ -8,7 +8,7 @@ import pytest
 from cases.project import ROOT
 
 import fopi_tune as ft
-from fopi_tune.pipeline.progress import logged_progress
+from fopi_tune.montecarlo.progress import logged_progress
 
 
 def test_a_line_is_logged_every_two_seconds_and_every_call_is_passed_on(caplog: pytest.LogCaptureFixture) -> None:
