@@ -102,9 +102,10 @@ def system_responses(system: SystemSpec, gains: Mapping[str, FoPi], points: Arra
     from fopi_tune.montecarlo.systems import hybrid_scenario, modes_of
 
     implementations = [implementation_of(mode.spec, gains[mode.name]) for mode in system.modes]
+    seed = (system.validation or ValidationSpec()).seed
 
     def drive(scenario: ScenarioSpec) -> FamilyResponse:
-        run = hybrid_scenario(system, scenario, implementations[0], system.validation.seed)
+        run = hybrid_scenario(system, scenario, implementations[0], seed)
         driven = _as_many_as_fit(points, run)
         for mode in system.modes:
             plants = Plants.members(mode.spec.plant, driven[:, system.family.columns(mode.name)])

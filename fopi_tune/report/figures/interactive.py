@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 
@@ -62,18 +63,20 @@ def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
     from bokeh.models import HoverTool, Range1d
     from bokeh.plotting import figure as plot
 
-    low, high = axes.get_xlim()
+    (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     height = figure.get_figheight() * _PIXELS_PER_INCH / len(figure.axes)
     # a plane keeps its angles, and fits a narrow screen
-    plane = {"aspect_ratio": 1.0, "max_width": round(height), "sizing_mode": "scale_width"}
-    shape = plane if axes.get_aspect() == 1.0 else {"height": round(height), "sizing_mode": "stretch_width"}
+    plane: dict[str, Any] = {"aspect_ratio": 1.0, "max_width": round(height), "sizing_mode": "scale_width"}
+    shape: dict[str, Any] = (
+        plane if axes.get_aspect() == 1.0 else {"height": round(height), "sizing_mode": "stretch_width"}
+    )
     panel = plot(
         **shape,
         tools=_TOOLS,
         x_axis_type="log" if axes.get_xscale() == "log" else "linear",
         y_axis_type="log" if axes.get_yscale() == "log" else "linear",
-        x_range=x_range or Range1d(low, high),
-        y_range=Range1d(*axes.get_ylim()),
+        x_range=x_range or Range1d(start=low, end=high),
+        y_range=Range1d(start=bottom, end=top),
         x_axis_label=axes.get_xlabel() or None,
         y_axis_label=axes.get_ylabel() or None,
         min_border_left=70,
@@ -173,7 +176,7 @@ def _stepped(x: Array, y: Array) -> tuple[Array, Array]:
     return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
 
 
-def _short(values: Array) -> Array:
+def _short(values: Array) -> NDArray[np.float32]:
     """In single precision, which is more than a screen shows, and half as long."""
     return np.asarray(values, dtype=np.float32)
 
