@@ -34,8 +34,8 @@ def run(
     last, arrived = np.zeros(len(y)), mode.copy()
     outputs, modes = [], []
     for share in brake[0]:
-        to_brake = (mode == 0) & (y >= setpoint + model.half_width) & (left == 0)
-        to_throttle = (mode == 1) & (y <= setpoint - model.half_width) & (left == 0)
+        to_brake = (mode == 0) & (y >= setpoint + model.upper) & (left == 0)
+        to_throttle = (mode == 1) & (y <= setpoint + model.lower) & (left == 0)
         left = np.where(to_brake | to_throttle, max(model.min_dwell_samples, 1), left)
         left = np.maximum(left - 1, 0)
         for index, begins in ((1, to_brake), (0, to_throttle)):
