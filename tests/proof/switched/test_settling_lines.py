@@ -9,13 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import switched
+from flint import arb
 from oracles.switched_loop import run
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
-from fopi_tune.proof.switched import SystemCertificate, SystemVerdict, prove_system, recheck_system
+from fopi_tune.proof.switched import SystemCertificate, prove_system, recheck_system
+from fopi_tune.proof.switched.cycles import CycleProof, _maps, _samples_before_last_switch
+from fopi_tune.proof.switched.definite import midpoints
 from fopi_tune.proof.switched.documents import from_document, to_document
-from fopi_tune.proof.switched.entries import why_no_entries
 from fopi_tune.proof.switched.model import SwitchedModel
+from fopi_tune.proof.switched.recheck import ONCE_NOT_MODELLED
 from fopi_tune.proof.switched.settling import verify_settling
 from fopi_tune.proof.switched.settling_search import prove_settling
 from fopi_tune.spec import load_system
@@ -52,7 +56,7 @@ def random_system(folder: Path, seed: int) -> SystemSpec:
     path.write_text(
         "schema: 1\nname: pair\nsystem:\n"
         f"  heater: {{spec: heater.yaml, gains: {{kp: {kp!r}, ki: {ki!r}, alpha: 1}}, output_limits: [0, 1]}}\n"
-        f"  fan: {{spec: fan.yaml, gains: {{kp: {6.0 * kp!r}, ki: {6.0 * ki!r}, alpha: 0.9}}, output_limits: [-8, 0]}}\n"
+        f"  fan: {{spec: fan.yaml, gains: {{kp: {6 * kp!r}, ki: {6 * ki!r}, alpha: 0.9}}, output_limits: [-8, 0]}}\n"
         f"  to_fan_above: {upper!r}\n  to_heater_below: {lower!r}\n{dwell}"
         f"  inactive: {rng.choice(['reset', 'reset', 'tracking', 'held'])}\n"
         "scenarios: [{name: day, duration_s: 20, reference: [{at_s: 0, value: 8}]}]\n"
@@ -61,28 +65,31 @@ def random_system(folder: Path, seed: int) -> SystemSpec:
 
 
 def assert_uncontradicted(system: SystemSpec, found: SystemCertificate, seed: int) -> None:
-    """Drive what is claimed from many states, or into each orbit."""
+    """Drive what is claimed: from many states, and along each orbit."""
     model, proof, rng = found.model, found.settling, np.random.default_rng(seed)
-    (gain, tau), fan = (system.modes[0].spec.plant.parameters[key] for key in ("static_gain", "time_constant_s")), None
+    gain, tau = (system.modes[0].spec.plant.parameters[key] for key in ("static_gain", "time_constant_s"))
     fan = system.modes[1].spec.plant.parameters["time_constant_s"]
     heater = -np.expm1(-0.1 / tau.nominal), gain.nominal
     delay = model.loops[0].delay_samples
-    waits = None
     if proof is not None:
         setpoint = rng.uniform(*proof.setpoints, LANES)
         taus = rng.choice([fan.min, fan.max], (SAMPLES, LANES))
         taus[:, ::2] = rng.uniform(fan.min, fan.max, LANES)[::2]
-        if model.memory.value == "reset" and found.settles:
+        if model.memory.value == "reset":
+            # any state; half of them with the fan near its line, at what it can do at most
             memories = [rng.normal(size=(size, LANES)) * 0.3 for size in model.sizes]
             output, mode = rng.uniform(0.0, 1.5 * gain.nominal, LANES), rng.integers(0, 2, LANES)
+            near = np.arange(LANES) % 2 == 0 if found.settles else np.full(LANES, fill_value=True)
+            memories[1][0, near] = rng.choice([-20.0, -4.0, 0.0], int(near.sum()))
+            output[near] = (setpoint + model.lower + rng.uniform(1e-9, 0.3, LANES))[near]
+            mode[near] = 1
         else:
             output = setpoint + max(model.upper, 0.0) + rng.uniform(0.01, 10.0, LANES)
             memories, mode = [np.zeros((size, LANES)) for size in model.sizes], np.zeros(LANES, dtype=np.int64)
             memories[0][0] = output / gain.nominal
         shares = -np.expm1(-0.1 / taus)
-        traces = run(model, setpoint, output, mode, memories, heater, (shares, 1.0), waits, delay)
-        if model.memory.value != "reset" or found.settles:
-            assert np.sum(traces.mode[1:] != traces.mode[:-1], axis=0).max() <= 3
+        traces = run(model, setpoint, output, mode, memories, heater, (shares, 1.0), delay=delay)
+        assert np.sum(traces.mode[1:] != traces.mode[:-1], axis=0).max() <= 3
         back = (traces.mode[1:] == 0) & (traces.mode[:-1] == 1)
         for lane in np.flatnonzero(back.any(axis=0)):
             first = 1 + int(np.flatnonzero(back[:, lane])[-1])
@@ -94,28 +101,51 @@ def assert_uncontradicted(system: SystemSpec, found: SystemCertificate, seed: in
                 assert error.max() <= proof.undershoot
                 assert -error.min() <= proof.overshoot
                 assert abs(error[-1]) <= 0.5 * max(proof.undershoot, 1e-6) or len(error) < 1500
-    for cycle in [each for each in found.cycles if each.attracts][:3]:
-        start = np.array([max(0.995 * gain.nominal, cycle.setpoint + 4.0 * max(abs(model.upper), abs(model.lower)))])
-        memories = [np.zeros((size, 1)) for size in model.sizes]
-        memories[0][0] = start / gain.nominal
-        share = np.full((20_000, 1), -np.expm1(-0.1 / cycle.plants[1].get("time_constant_s", fan.nominal)))
+    for cycle in found.cycles:
+        # on the orbit: from afar another one may be reached
+        y, raising, lowering, control = start_of(model, cycle)
+        samples = len(cycle.modes) * max(3, 400 // len(cycle.modes))
+        share = np.full((samples, 1), -np.expm1(-0.1 / cycle.plants[1].get("time_constant_s", fan.nominal)))
+        lasted = _samples_before_last_switch(cycle.modes)[0]
+        waits, last = np.array([max(model.min_dwell_samples - lasted, 0)]), np.array(["TB".index(cycle.modes[-1])])
+        setpoint = np.array([cycle.setpoint])
         traces = run(
-            model, np.array([cycle.setpoint]), start, np.zeros(1, dtype=np.int64), memories, heater, (share, 1.0), waits,
+            model,
+            setpoint,
+            y,
+            last,
+            [raising, lowering],
+            heater,
+            (share, 1.0),
+            waits,
             delay,
-        )  # fmt: skip
-        period = len(cycle.modes)
-        assert cycle.modes in "".join("TB"[each] for each in traces.mode[-2 * period :, 0])
-        deviations = traces.y[-2 * period :, 0] - cycle.setpoint
-        # what is left of the start
-        assert deviations.min() == pytest.approx(cycle.lowest, abs=5e-3)
-        assert deviations.max() == pytest.approx(cycle.highest, abs=5e-3)
+            control if delay else None,
+        )
+        assert "".join("TB"[each] for each in traces.mode[:, 0]) == cycle.modes * (samples // len(cycle.modes))
+        # rounding of the start, which the period may enlarge where it does not attract
+        assert traces.y.min() - cycle.setpoint == pytest.approx(cycle.lowest, abs=1e-6)
+        assert traces.y.max() - cycle.setpoint == pytest.approx(cycle.highest, abs=1e-6)
 
 
-def test_random_systems_do_what_is_claimed(tmp_path: Path) -> None:
-    for seed in (0, 1):
-        system = random_system(tmp_path, seed)
-        gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
-        assert_uncontradicted(system, prove_system(system, gains), seed)
+def start_of(model: SwitchedModel, cycle: CycleProof) -> tuple[Array, Array, Array, Array]:
+    """y, both memories and the last control where the orbit begins, in floats; that it is one, the simulation shows."""
+    maps = [midpoints(each.matrix) for each in _maps(model, cycle, arb(cycle.setpoint))]
+    whole = np.eye(len(maps[0]))
+    for each in maps:
+        whole = each @ whole
+    z = np.linalg.solve(np.eye(len(whole) - 1) - whole[:-1, :-1], whole[:-1, -1])
+    one, other = model.sizes
+    return z[:1], z[1 : 1 + one, None].copy(), z[1 + one : 1 + one + other, None].copy(), z[-1:]
+
+
+@pytest.mark.parametrize(("seed", "setpoints"), [(0, (5.0, 9.0)), (6, (5.0, 9.0)), (5, (8.0, 8.0))])
+def test_random_systems_do_what_is_claimed(tmp_path: Path, seed: int, setpoints: tuple[float, float]) -> None:
+    system = random_system(tmp_path, seed)
+    gains = {mode.name: mode.gains for mode in system.modes if mode.gains is not None}
+    found = prove_system(system, gains, setpoints=setpoints)
+    assert (found.verdict.value == "cycles") == (seed == 5)
+    assert found.settles == (seed != 5)
+    assert_uncontradicted(system, found, seed)
 
 
 @pytest.mark.long
@@ -127,3 +157,51 @@ def test_more_random_systems_do_what_is_claimed(tmp_path: Path, seed: int) -> No
     assert_uncontradicted(system, found, seed)
     again = from_document(json.loads(json.dumps(to_document(found))))
     assert recheck_system(again, system, gains).accepted
+
+
+def car_with(upper: float, lower: float) -> SwitchedModel:
+    return SwitchedModel.of(switched.car("reset", hysteresis=lines(upper, lower)), switched.GAINS)
+
+
+def test_lines_of_a_hysteresis_are_that_hysteresis() -> None:
+    proof = switched.certificate("reset").settling
+    assert proof is not None
+    eps = switched.CAR.lines.up.value
+    assert verify_settling(car_with(eps, -eps), proof) == verify_settling(switched.model("reset"), proof)
+
+
+def test_each_line_has_its_own_part_in_a_proof() -> None:
+    proof = switched.certificate("reset").settling
+    assert proof is not None
+    eps = switched.CAR.lines.up.value
+    same, wider, deeper = (verify_settling(car_with(*each), proof) for each in ((eps, -eps), (2.0, -eps), (eps, -1.0)))
+    assert same is not None
+    # the upper line is above all that the output does; the lower one is where it begins
+    assert wider == same
+    assert deeper is not None
+    assert deeper.undershoot > same.undershoot + 0.05
+    assert verify_settling(car_with(0.9 * proof.overshoot, -eps), proof) is None
+    assert verify_settling(car_with(eps, -2.5), proof) is None
+
+
+@pytest.mark.parametrize(
+    ("upper", "lower", "words"),
+    [
+        (-0.1, -1.0, "the throttle is left before it rests at the setpoint; write to_brake_above above 0"),
+        (0.4, 0.4, "both lines are one, so that a switch may follow every sample; write to_throttle_below lower"),
+    ],
+)
+def test_lines_between_which_nothing_rests_are_named(upper: float, lower: float, words: str) -> None:
+    assert prove_settling(car_with(upper, lower), None).reason == words
+    proof = switched.certificate("reset").settling
+    assert proof is not None
+    assert verify_settling(car_with(upper, lower), proof) is None
+
+
+def test_a_certificate_of_before_relative_lines_is_still_accepted() -> None:
+    found = prove_system(switched.car("reset", hysteresis=lines(1.0, -0.5)), switched.GAINS, setpoints=(6.0, 6.0))
+    assert found.settles
+    once = replace(found, settling=None, reason=ONCE_NOT_MODELLED)
+    assert recheck_system(once).accepted
+    entries = {"hysteresis": SwitchingLines(Threshold(1.0), Threshold(1.0))}
+    assert not recheck_system(replace(once, model=replace(once.model, **entries), reason="another")).accepted
