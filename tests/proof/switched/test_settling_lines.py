@@ -133,7 +133,7 @@ def start_of(model: SwitchedModel, cycle: CycleProof) -> tuple[Array, Array, Arr
     whole = np.eye(len(maps[0]))
     for each in maps:
         whole = each @ whole
-    z = np.linalg.solve(np.eye(len(whole) - 1) - whole[:-1, :-1], whole[:-1, -1])
+    z = np.asarray(np.linalg.solve(np.eye(len(whole) - 1) - whole[:-1, :-1], whole[:-1, -1]), dtype=float)
     one, other = model.sizes
     return z[:1], z[1 : 1 + one, None].copy(), z[1 + one : 1 + one + other, None].copy(), z[-1:]
 
