@@ -22,20 +22,21 @@ class Run:
 def run(
     model: SwitchedModel, setpoint: Array, output: Array, mode: np.ndarray, memories: list[Array],
     throttle: tuple[float, float], brake: tuple[Array, float], waits: np.ndarray | None = None, delay: float = 0.0,
+    control: Array | None = None,
 ) -> Run:  # fmt: skip
     """Simulate; `memories` have shape (sections, lanes), `throttle` is (m, K), `brake` is m (samples, lanes) and K.
 
     `waits` is how many samples of the minimum dwell are left at the start, of each lane; none where left out.  With a
-    `delay`, in samples, a mode arrives with its control; the control before the start is 0.
+    `delay`, in samples, a mode arrives with its control; before the start it was `control`, or 0.
     """
     y, x, mode = output.copy(), [each.copy() for each in memories], mode.copy()
     loops = [_Columns.of(loop.controller) for loop in model.loops]
     left = np.zeros(len(y), dtype=np.int64) if waits is None else waits.copy()
-    last, arrived = np.zeros(len(y)), mode.copy()
+    last, arrived = np.zeros(len(y)) if control is None else control.copy(), mode.copy()
     outputs, modes = [], []
     for share in brake[0]:
-        to_brake = (mode == 0) & (y >= setpoint + model.half_width) & (left == 0)
-        to_throttle = (mode == 1) & (y <= setpoint - model.half_width) & (left == 0)
+        to_brake = (mode == 0) & (y >= setpoint + model.upper) & (left == 0)
+        to_throttle = (mode == 1) & (y <= setpoint + model.lower) & (left == 0)
         left = np.where(to_brake | to_throttle, max(model.min_dwell_samples, 1), left)
         left = np.maximum(left - 1, 0)
         for index, begins in ((1, to_brake), (0, to_throttle)):
@@ -50,11 +51,11 @@ def run(
             x[k] = np.where(mode == k, results[k][1], idle)
         outputs.append(y)
         modes.append(mode.copy())
-        for control, by, time in ((last, arrived, delay), (u, mode, 1.0 - delay)):
+        for acting, by, time in ((last, arrived, delay), (u, mode, 1.0 - delay)):
             if time == 0.0:
                 continue
             m = -np.expm1(time * np.log1p(-np.where(by == 0, throttle[0], share)))
-            y = y + m * (np.where(by == 0, throttle[1], brake[1]) * control - y)
+            y = y + m * (np.where(by == 0, throttle[1], brake[1]) * acting - y)
         last, arrived = u, mode.copy()
     return Run(np.array(outputs), np.array(modes))
 

@@ -41,6 +41,24 @@ class Part:
         """What moves a plant of first order, output unit per s and unit of its input."""
         return self.numerator[-1] / self.denominator[0]
 
+    def resting(self, output: float, order: int) -> tuple[float, np.ndarray]:
+        """The input that holds an output, 0 of an integrator, and y, y', ... without it, filled up to an order."""
+        if not (output and self.denominator[-1]):
+            return 0.0, np.zeros(order)
+        held, found = output * self.denominator[-1] / self.numerator[-1], np.zeros(order)
+        # every z_k rests: 0 = z_(k+1) + h_k u
+        found[1 : len(self.denominator) - 1] = -held * np.array(self.shares()[:-1])
+        return held, found
+
+    def shares(self) -> list[float]:
+        """h_k of N/D = h_1/s + h_2/s^2 + ..., by long division: an impulse adds it to the derivative k - 1."""
+        n = len(self.denominator) - 1
+        rest, found = np.append(np.zeros(n - len(self.numerator)), self.numerator), []
+        for _ in range(n):
+            found.append(float(rest[0] / self.denominator[0]))
+            rest = np.append(rest[1:], 0.0) - found[-1] * np.array(self.denominator[1:])
+        return found
+
     def moved(self, derivatives: np.ndarray, u: float, time_s: float) -> np.ndarray:
         """y, y', ... without an input, after a time of one input; those that this plant does not have are 0."""
         n, key = len(self.denominator) - 1, round(time_s, 12)
@@ -48,11 +66,7 @@ class Part:
             a = np.zeros((n + 1, n + 1))
             a[: n - 1, 1:n] = np.eye(n - 1)
             a[n - 1, :n] = -np.array(self.denominator[:0:-1]) / self.denominator[0]
-            # by long division N/D = h_1/s + h_2/s^2 + ...: an impulse adds h_k to the derivative of the order k - 1
-            rest = np.append(np.zeros(n - len(self.numerator)), self.numerator)
-            for k in range(n):
-                a[k, n] = rest[0] / self.denominator[0]
-                rest = np.append(rest[1:], 0.0) - a[k, n] * np.array(self.denominator[1:])
+            a[:n, n] = self.shares()
             self.steps[key] = expm(a * time_s)
         after = self.steps[key] @ np.append(derivatives[:n], u)
         return np.append(after[:n], np.zeros(len(derivatives) - n))
@@ -150,7 +164,8 @@ def drive(
     dwell = int(np.ceil(words.get("min_dwell_s", 0.0) / sample_time_s - 1e-9))  # pyright: ignore
     for part in parts:
         part.begin()
-    derivatives = np.zeros(max(len(part.denominator) for part in parts) - 1)
+    order = max(len(part.denominator) for part in parts) - 1
+    held, derivatives = parts[0].resting(y if scenario.get("before", "rest") == "rest" else 0.0, order)
     derivatives[0] = y
     state, plant, since, outputs, states, sent = 1, 0, 10**9, [], [], []
     rates = np.diff(reference, prepend=reference[0]) / sample_time_s
@@ -183,7 +198,7 @@ def drive(
         for begin, end in itertools.pairwise(cuts):
             if end - begin < 1e-9 * sample_time_s:
                 continue
-            middle, arrived, acting = now + 0.5 * (begin + end), 0, 0.0
+            middle, arrived, acting = now + 0.5 * (begin + end), 0, held
             for k in range(len(sent) - 1, -1, -1):
                 if k * sample_time_s + waits[sent[k][1]] <= middle:
                     acting, arrived = sent[k]

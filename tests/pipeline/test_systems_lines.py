@@ -79,7 +79,12 @@ def test_a_certificate_says_what_it_does_not_model(tmp_path: Path, turns: str) -
     certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate
     assert certificate.verdict.value == "undecided"
     coasts = system.lines.coasts
-    assert certificate.reason.startswith("coasting is not" if coasts else "lines other than those of a hysteresis")
+    reasons = {
+        APART: "heater: its plant is uncertain",
+        ABSOLUTE: "an absolute line is not",
+        COASTING: "coasting is not",
+    }
+    assert certificate.reason.startswith(reasons[turns])
     assert (certificate.bounded is None) == coasts
     document = json.loads(json.dumps(to_document(certificate)))
     again = from_document(document)

@@ -56,6 +56,7 @@ system:
 scenarios:
   - name: day
     duration_s: 24
+    initial_output: {3 if seed % 4 == 3 else 0}
     reference: [{{at_s: 0, value: 5}}, {{at_s: 8, value: 1}}, {{at_s: 16, value: 4, ramp_s: 3}}]
     {load}
 """)

@@ -126,7 +126,8 @@ class SystemCertificate:
             return (
                 f"After a step down from rest, from the {raising} to the {lowering}, {settles}: the {lowering} {then}"
             )
-        above = f"with the {lowering} active and the output above the hysteresis' lower line"
+        line = "the hysteresis' lower line" if self.model.lines.half_width is not None else self.model.lower_line
+        above = f"with the {lowering} active and the output above {line}"
         if self.loops[0] is None:
             return f"From every state {above} {settles}: the {lowering} {then}"
         return (

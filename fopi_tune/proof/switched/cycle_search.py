@@ -34,7 +34,7 @@ from fopi_tune.simulation.scenario import (
 _SAMPLES, _TAIL = 60_000, 3 * LONGEST_WORD
 #: setpoints as parts of the output that the first mode's upper limit holds (with two digits), and where it rests before
 _SETPOINTS, _REST = (0.12, 0.24, 0.32, 0.4, 0.48, 0.6, 0.8), 0.995
-#: such an output where there is no such limit, in widths of the hysteresis
+#: such an output where there is no such limit, in distances of the farther line
 _WITHOUT_LIMIT = 50.0
 #: of both families, corners and nominal plants that are simulated side by side
 _MOST_PLANTS = 8
@@ -55,13 +55,18 @@ def prove_cycles(model: SwitchedModel, setpoints: tuple[float, float] | None) ->
     raising, lowering = _plants(model)
     found: list[CycleProof] = []
     for setpoint in dict.fromkeys(tried):
-        start = max(_REST * top, setpoint + 4.0 * model.half_width)
+        start = max(_REST * top, setpoint + 4.0 * _reach(model))
         words = _words(model, setpoint, start, raising, lowering)
         proofs = (
             _proved(model, setpoint, raising[i], lowering[i], word) for i, word in enumerate(words) if word is not None
         )
         found += [proof for proof in proofs if proof is not None]
     return tuple(found)
+
+
+def _reach(model: SwitchedModel) -> float:
+    """Of the line that is farther from the setpoint, output unit."""
+    return max(abs(model.upper), abs(model.lower))
 
 
 def _largest_output(model: SwitchedModel) -> float:
@@ -71,7 +76,7 @@ def _largest_output(model: SwitchedModel) -> float:
     lag = loop.plant.model == "lag"
     gain = numbers["static_gain"].nominal if lag else numbers["gain"].nominal / numbers["pole_rad_s"].nominal
     found = gain * high
-    return found if math.isfinite(found) and found < 1e12 else _WITHOUT_LIMIT * model.half_width
+    return found if math.isfinite(found) and found < 1e12 else _WITHOUT_LIMIT * _reach(model)
 
 
 def _plants(model: SwitchedModel) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ maps of its samples is z -> M z + c; the orbit that follows the word begins at
 
     z = (I - M)^-1 c .                                                                                               (1)
 
-It is an orbit of the loop if at each sample the output is on the side of the hysteresis' lines that the word's modes
+It is an orbit of the loop if at each sample the output is on the side of the lines that the word's modes
 ask for, except where the minimum dwell keeps the mode whatever the output is, and the demanded control in the part of
 the limits that it says.  No mode of the word is shorter than that dwell.  All these inequalities are strict here, so
 that the same word is followed from all states around z.  With S > 0 and
@@ -149,14 +149,14 @@ def _outputs(
     model: SwitchedModel, proof: CycleProof, maps: list[SampleMap], z: arb_mat, setpoint: arb
 ) -> list[arb] | None:
     """y at each sample of the period; None where an inequality is not strict."""
-    outputs, eps = [], arb(model.half_width)
+    outputs, upper, lower = [], setpoint + arb(model.upper), setpoint + arb(model.lower)
     stayed = _samples_before_last_switch(proof.modes)
     for k, each in enumerate(maps):
         y, v = z[0, 0], (each.demand * z)[0, 0]
         kept = stayed[k] < model.min_dwell_samples
         # the line is the upper one as long as the raising mode was active, else the lower one
-        above = y > setpoint + eps if proof.modes[k - 1] == "T" else y > setpoint - eps
-        below = y < setpoint + eps if proof.modes[k - 1] == "T" else y < setpoint - eps
+        line = upper if proof.modes[k - 1] == "T" else lower
+        above, below = y > line, y < line
         controller = model.loops["TB".index(proof.modes[k])].controller
         low, high = arb(controller.limits[0]), arb(controller.limits[1])
         if proof.parts[k] == BELOW:

@@ -1,15 +1,16 @@
 """How the raising phase can begin:  model, setpoint -> corners of all states at the switch to the raising mode.
 
 While the lowering mode is active, y <- y + m (K u - y) with u within its limits. Let top and bottom be the largest and
-the least K u. With r - eps > top the distance y - top shrinks by 1 - m at least, so that the phase ends; its last
-sample has y_last > r - eps, and the first one of the raising phase
+the least K u, and r + b the line to the raising mode, b = -eps of a hysteresis. With r + b > top the distance y - top
+shrinks by 1 - m at least, so that the phase ends; its last sample has y_last > r + b, and the first one of the raising
+phase
 
-    r - eps >= y_0 >= (1 - m) y_last + m bottom,       m the largest one .                                           (1)
+    r + b >= y_0 >= (1 - m) y_last + m bottom,       m the largest one .                                           (1)
 
 A minimum dwell of D samples may keep the lowering mode active below the line. The phase begins with an output above it,
 and a phase that is longer than D samples ends as without a dwell, so that in any case
 
-    y_last >= bottom + (1 - m)^{D-1} (r - eps - bottom),     y_0 >= bottom + (1 - m) (y_last - bottom) .            (2)
+    y_last >= bottom + (1 - m)^{D-1} (r + b - bottom),     y_0 >= bottom + (1 - m) (y_last - bottom) .            (2)
 
 As long as y_last > top the output falls to y_0 < y_last.
 
@@ -46,8 +47,12 @@ def why_no_entries(model: SwitchedModel) -> str:
         model: with `obstacle == ""`.
     """
     raising, lowering = model.loops
-    if not model.half_width > 0.0:
-        return "without hysteresis a switch may follow every sample; write a hysteresis greater than 0"
+    if not model.upper > model.lower:
+        if model.lines.half_width is not None:
+            return "without hysteresis a switch may follow every sample; write a hysteresis greater than 0"
+        return f"both lines are one, so that a switch may follow every sample; write to_{raising.name}_below lower"
+    if not model.upper > 0.0:
+        return f"the {raising.name} is left before it rests at the setpoint; write to_{lowering.name}_above above 0"
     if model.memory is Memory.HELD:
         return f"a held memory begins the {raising.name} phase with what it had: nothing bounds its overshoot"
     if raising.plant.uncertain_names:
@@ -65,7 +70,7 @@ def raising_lag(model: SwitchedModel) -> Lag:
 
 
 def lowering_top(model: SwitchedModel) -> arb:
-    """The largest K u of the lowering mode: the phase ends for setpoints above it by more than the hysteresis."""
+    """The largest K u of the lowering mode: the phase ends for setpoints whose lower line lies above it."""
     lowering = model.loops[1]
     high = arb(lowering.controller.limits[1])
     least, largest = (gain * high for gain in lag_range(lowering, model.sample_time_s).gains)
@@ -105,7 +110,7 @@ def entry_corners(model: SwitchedModel, setpoint: arb) -> arb_mat:
     """
     controller, dwell = model.loops[0].controller, max(1, model.min_dwell_samples)
     share, bottom = _fastest_fall(model)
-    line = setpoint - arb(model.half_width)
+    line = setpoint + arb(model.lower)
     last = line if dwell == 1 else bottom + (1 - share) ** (dwell - 1) * (line - bottom)
     # y_0 = kept y_last + moved at the least
     ways = [(1 - share, share * bottom)]

@@ -38,7 +38,7 @@ from flint import arb, arb_mat
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parametric.family import ParametricFamily
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.core.switching_lines import SwitchingLines
+from fopi_tune.core.switching_lines import SwitchingLines, Threshold
 from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.digital.implementation import implementation_of, runtime_of
 from fopi_tune.digital.runtime import Runtime
@@ -50,10 +50,7 @@ from fopi_tune.spec.model import SystemSpec
 #: a control without limits has those of a double; one like this is taken for none too
 _LARGEST_LIMIT = 1e100
 COASTING_NOT_MODELLED = "coasting is not modelled in this proof; without coast the modes alone can be proved"
-LINES_NOT_MODELLED = (
-    "lines other than those of a hysteresis around the setpoint are not modelled in this proof; write hysteresis in "
-    "their place"
-)
+LINES_NOT_MODELLED = "an absolute line is not modelled in this proof; write both lines relative to the setpoint"
 
 
 @dataclass(frozen=True)
@@ -103,7 +100,7 @@ class SwitchedModel:
 
     Args:
         sample_time_s: Ts.
-        hysteresis: half-width around the setpoint, output unit, or other lines, of which little is proved.
+        hysteresis: half-width around the setpoint, output unit, or other lines; of absolute ones little is proved.
         memory: of the inactive controller.
         loops: the raising one, then the lowering one.
         min_dwell_samples: samples that a mode stays at least after it was entered; 0 and 1 are any.
@@ -140,15 +137,24 @@ class SwitchedModel:
         return SwitchingLines.of(self.hysteresis)
 
     @property
-    def half_width(self) -> float:
-        """Of the hysteresis, output unit.
+    def upper(self) -> float:
+        """a: with the raising mode active, y >= r + a makes the other one take its turn; output unit."""
+        return self._relative(self.lines.up)
 
-        Raises:
-            DomainError: the lines are others.
-        """
-        if (found := self.lines.half_width) is None:
-            raise DomainError(LINES_NOT_MODELLED)
-        return found
+    @property
+    def lower(self) -> float:
+        """b: with the lowering mode active, y <= r + b makes the other one take its turn; output unit, at most a."""
+        return self._relative(self.lines.down)
+
+    @property
+    def upper_line(self) -> str:
+        """The upper line in words."""
+        return "the hysteresis" if self.lines.half_width is not None else f"the line of to_{self.loops[1].name}_above"
+
+    @property
+    def lower_line(self) -> str:
+        """The lower line in words."""
+        return "the hysteresis" if self.lines.half_width is not None else f"the line of to_{self.loops[0].name}_below"
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -163,7 +169,7 @@ class SwitchedModel:
                 return found
         if self.lines.coasts:
             return COASTING_NOT_MODELLED
-        if self.lines.half_width is None:
+        if self.lines.up.is_absolute or self.lines.down.is_absolute:
             return LINES_NOT_MODELLED
         if self.loops[0].delay_samples != self.loops[1].delay_samples:
             return "the controllers have computing delays that differ; give both the same"
@@ -174,6 +180,12 @@ class SwitchedModel:
                 "control; write output_limits so that the second mode's control ends where the first one's begins"
             )
         return ""
+
+    @staticmethod
+    def _relative(line: Threshold) -> float:
+        if line.is_absolute:
+            raise DomainError(LINES_NOT_MODELLED)
+        return line.value
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,12 @@ _OTHER_TEXT = (
     "by entry"
 )
 
+#: the reason of certificates that were made before relative lines were modelled; nothing rests on it
+ONCE_NOT_MODELLED = (
+    "lines other than those of a hysteresis around the setpoint are not modelled in this proof; write hysteresis in "
+    "their place"
+)
+
 
 @dataclass(frozen=True)
 class SystemRecheck:
@@ -85,6 +91,8 @@ def recheck_system(
 def _reason_problems(certificate: SystemCertificate) -> list[str]:
     """What is wrong with the reason of a model in which settling is not proved this way."""
     reason, model = certificate.reason, certificate.model
+    if reason == ONCE_NOT_MODELLED and model.lines.half_width is None:
+        return []
     known = "" if certificate.settles else model.obstacle or why_no_entries(model)
     return ["the reason stated is not the one that follows from the model"] if known and reason != known else []
 

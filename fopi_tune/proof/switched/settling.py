@@ -1,14 +1,14 @@
-"""Every raising phase that begins at the hysteresis' lower line settles without another switch, proved in balls.
+"""Every raising phase that begins at the lower line settles without another switch, proved in balls.
 
 As long as no limit is reached, zeta_{k+1} = A zeta_k for the corners of `entries`.  The proof follows them through N
-samples and finds
+samples and finds, r + a being the line to the lowering mode (a = eps of a hysteresis),
 
-    y_k < r + eps,      low <= v_k <= high      for k = 0, ..., N - 1,                                               (1)
+    y_k < r + a,      low <= v_k <= high      for k = 0, ..., N - 1,                                               (1)
 
 which is affine in state and setpoint, so that it holds between the corners, and there is neither a switch nor a limit.
 Then a level set of zeta' P zeta, P > 0 and A' P A <= rho^2 P, does the rest: with s^2 = zeta_N' P zeta_N,
 
-    s sqrt(P^-1_00) < eps,      s sqrt(C P^-1 C') < min(r/K - low, high - r/K),                                      (2)
+    s sqrt(P^-1_00) < a,      s sqrt(C P^-1 C') < min(r/K - low, high - r/K),                                      (2)
 
 |y - r| and |v - r/K| stay below these numbers for ever and vanish as rho^k.
 
@@ -51,7 +51,7 @@ class SettlingProof:
         matrix: lower triangle of P, shape (N, N) of A as a whole.
         decay: rho per sample, dimensionless.
         undershoot: bound on r - y from the switch on, output unit.
-        overshoot: bound on y - r from the switch on, output unit; below the hysteresis.
+        overshoot: bound on y - r from the switch on, output unit; below the upper line.
     """
 
     setpoints: tuple[float, float]
@@ -88,7 +88,7 @@ def verify_settling(model: SwitchedModel, proof: SettlingProof) -> Excursions | 
     if not (1 <= proof.samples <= MOST_SAMPLES and 0.0 < proof.decay < 1.0):
         return None
     with ctx.workprec(_PRECISION):
-        if not lowering_top(model) + dwell_margin(model) < arb(lowest) - arb(model.half_width):
+        if not lowering_top(model) + dwell_margin(model) < arb(lowest) + arb(model.lower):
             return None
         a, _, c = loop_matrices(model.loops[0].controller, raising_lag(model))
         if len(proof.matrix) != a.nrows():
@@ -114,7 +114,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
     inverse, size = p.inv(), a.nrows()
     per_output = (inverse[0, 0].sqrt(), (c * inverse * c.transpose())[0, 0].sqrt())
     lengths = [p[i, i].sqrt() for i in range(size)]
-    both, eps, decay = arb_mat([*a.tolist(), *c.tolist()]), arb(model.half_width), arb(proof.decay)
+    both, upper, decay = arb_mat([*a.tolist(), *c.tolist()]), arb(model.upper), arb(proof.decay)
     # the error that was cut off, in the norm of P; the same for all columns
     error, undershoot, overshoot = arb(0), arb(0), arb(0)
     wrong_y, wrong_v = arb(0), arb(0)
@@ -128,7 +128,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
         for j, corner in enumerate(corners):
             y, v = columns[0, j], following[size, j]
             above_low = (k == 0 and known) or v - wrong_v >= -corner.below
-            inside = y + wrong_y < eps and v + wrong_v <= corner.above and above_low
+            inside = y + wrong_y < upper and v + wrong_v <= corner.above and above_low
             if not inside:
                 return None
             undershoot, overshoot = undershoot.max(wrong_y - y), overshoot.max(y + wrong_y)
@@ -139,7 +139,7 @@ def _follow(model: SwitchedModel, proof: SettlingProof, a: arb_mat, c: arb_mat, 
     for j, corner in enumerate(corners):
         level = quadratic_norm(p, arb_mat([[columns[i, j]] for i in range(size)])) + error
         y, v = level * per_output[0], level * per_output[1]
-        if not (y < eps and v < corner.below and v < corner.above):
+        if not (y < upper and v < corner.below and v < corner.above):
             return None
         undershoot, overshoot = undershoot.max(y), overshoot.max(y)
     return Excursions(not_below(undershoot), not_below(overshoot))

@@ -35,7 +35,7 @@ _BISECTIONS = 40
 _TRIED = (0.5, 0.25, 0.75, 0.1, 0.9, 0.03, 0.01, 1e-3, 1e-4, 1e-5, 1e-6)
 #: output unit; what is above is where a control has no limits
 _LARGEST = 1e90
-#: the range of setpoints where nothing ends it and none are asked for, in half-widths of the hysteresis
+#: the range of setpoints where nothing ends it and none are asked for, in distances of the upper line
 _WITHOUT_END = 1000.0
 #: behind the point; a power of ten below would be no double
 _MOST_DIGITS = 300
@@ -106,7 +106,7 @@ class _Responses:
     states: tuple[tuple[Array, Array], ...]
     level: _Level
     gains: tuple[float, float]
-    hysteresis: float
+    upper: float
     rest: float
     control: tuple[float, float]
     least: float
@@ -137,11 +137,11 @@ class _Responses:
         low, high = max(each[0] for each in self.bounds), min(each[1] for each in self.bounds)
         if high > _LARGEST:
             reach = 0.0 if asked is None else 2.0 * (asked[1] - low)
-            high = low + (reach if reach > 0.0 else _WITHOUT_END * self.hysteresis)
+            high = low + (reach if reach > 0.0 else _WITHOUT_END * self.upper)
         if not (low < high and math.isfinite(high - low)):
             return None
         # a wide range does not cost small setpoints
-        width, near = high - low, min(high - low, self.hysteresis)
+        width, near = high - low, min(high - low, self.upper)
         low, high = low + _MARGIN * near, high - _MARGIN * width
         last = len(self.states) - 1
         tries = [low + part * (high - low) for part in _TRIED]
@@ -168,7 +168,7 @@ class _Responses:
         rest = setpoint * self.rest
         room = min(rest - self.control[0], self.control[1] - rest)
         within = 1.0 - _MARGIN
-        return level * self.gains[0] < within * self.hysteresis and level * self.gains[1] < within * room
+        return level * self.gains[0] < within * self.upper and level * self.gains[1] < within * room
 
     def samples_until_level(self, low: float, high: float) -> int:
         """The first of the stored samples from which (2) holds at both ends."""
@@ -197,7 +197,7 @@ def _responses(model: SwitchedModel) -> _Responses | None:
         constant = midpoints(entry_corners(model, arb(0)))
         slope = midpoints(entry_corners(model, arb(1))) - constant
         rest, margin = 1.0 / float(lag.gain), float(dwell_margin(model))
-        least = float(lowering_top(model)) + model.half_width + margin
+        least = float(lowering_top(model)) - model.lower + margin
     level = _level_set(a, c)
     if level is None:
         return None
@@ -215,18 +215,19 @@ def _responses(model: SwitchedModel) -> _Responses | None:
     v_slope = v_slope + rest
     # where the first control is known to be within the lower limit, rounding must not say otherwise
     first = int(starts_above_low(model))
+    around = model.lines.half_width is not None
     limits = (
-        (y, y_slope, model.half_width, "the output overshoots by the hysteresis"),
+        (y, y_slope, model.upper, f"the output overshoots {'by' if around else 'to'} {model.upper_line}"),
         (v, v_slope, high, f"the {raising}'s upper limit is reached"),
         (-v[first:], -v_slope[first:], -low, f"the {raising}'s lower limit is reached"),
     )
     inverse = np.linalg.inv(level.full)
     gains = math.sqrt(inverse[0, 0]), math.sqrt(float((c @ inverse @ c.T)[0, 0]))
     lowering = model.loops[1].name
-    name = f"the {lowering}'s largest control holds the output above the hysteresis"
+    name = f"the {lowering}'s largest control holds the output above {model.lower_line}"
     if margin > 0.0:
         name = f"within min_dwell_s the output may fall below what the {lowering}'s largest control holds"
-    return _Responses(limits, tuple(states), level, gains, model.half_width, rest, (low, high), least, name, raising)
+    return _Responses(limits, tuple(states), level, gains, model.upper, rest, (low, high), least, name, raising)
 
 
 def _level_set(a: Array, c: Array) -> _Level | None:

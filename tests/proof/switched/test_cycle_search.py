@@ -29,4 +29,4 @@ def test_without_limits_the_setpoints_are_taken_from_the_hysteresis() -> None:
     model = replace(held, loops=(loops[0], loops[1]))
     found = prove_cycles(model, None)
     assert all(verify_cycle(model, each) is not None for each in found)
-    assert all(each.setpoint <= 50.0 * held.half_width for each in found)
+    assert all(each.setpoint <= 50.0 * held.upper for each in found)

@@ -61,9 +61,9 @@ def mapped(model: SwitchedModel, setpoint: float, tau: float) -> tuple[np.ndarra
     mode, outputs, modes = 0, [], []
     for _ in range(SAMPLES):
         before = mode
-        if mode == 0 and z[0] >= setpoint + model.half_width:
+        if mode == 0 and z[0] >= setpoint + model.upper:
             mode = 1
-        elif mode == 1 and z[0] <= setpoint - model.half_width:
+        elif mode == 1 and z[0] <= setpoint + model.lower:
             mode = 0
         v = known[mode, "0", mode != before][1] @ z
         low, high = model.loops[mode].controller.limits

@@ -53,7 +53,7 @@ def test_no_simulation_contradicts(memory: str, seconds: float) -> None:
     traces = run(model, setpoint, output, mode, memories, throttle, brake, waits)
     assert np.sum(traces.mode[1:] != traces.mode[:-1], axis=0).max() <= 3
     back = (traces.mode[1:] == 0) & (traces.mode[:-1] == 1)
-    line, late = setpoint - model.half_width, 0
+    line, late = setpoint + model.lower, 0
     for lane in np.flatnonzero(back.any(axis=0)):
         first = 1 + int(np.flatnonzero(back[:, lane])[-1])
         driven = np.flatnonzero(traces.mode[:first, lane] == 0)

@@ -61,7 +61,7 @@ def test_a_throttle_that_overshoots_is_proved_only_where_it_does_not_reach_the_b
     found = prove_settling(model, switched.SETPOINTS)
     assert found.proof is not None
     assert found.proof.setpoints[1] < 11.0
-    assert found.proof.overshoot < model.half_width
+    assert found.proof.overshoot < model.upper
     assert found.reason == f"above {10.5:g}: the output overshoots by the hysteresis"
     assert prove_settling(model, (12.0, 22.0)).proof is None
 

@@ -294,3 +294,28 @@ def test_coasting_may_be_an_axis() -> None:
     head = f"schema: 1\nname: s\nspecs: [{path}]\n"
     cells = study("grid: {system.coast: [true, false]}\nstages: [simulate]", head).cells
     assert [system_from_text(cell.text).lines.coasts for cell in cells] == [True, False]
+
+
+def test_paths_reach_the_dead_time_and_the_zero_of_a_mode(folder: Path) -> None:
+    for name in ("duct", "duct_heater", "duct_cooler"):
+        (folder / f"{name}.yaml").write_text((ROOT / "systems" / "examples" / f"{name}.yaml").read_text())
+    grid = (
+        "grid: {system.heater.spec.plant.dead_time_s.nominal: [3.1], system.heater.spec.plant.numerator: [[60, 25]],"
+        " system.cooler.spec.plant.dead_time_s: [0.7], validation.samples: [20]}\nstages: [simulate, validate]\n"
+    )
+    (cell,) = study(grid, HEAD.replace("rig.yaml", "duct.yaml")).cells
+    found = document(cell)
+    plain = simulate_system(folder / "duct.yaml").to_dict()["scenarios"]
+    for name, *changes in (
+        ("duct_heater", ("nominal: 3.3", "nominal: 3.1"), ("[150, 25]", "[60, 25]")),
+        ("duct_cooler", ("dead_time_s: 1.2", "dead_time_s: 0.7")),
+        ("duct", ("samples: 2000", "samples: 20")),
+    ):
+        path = folder / f"{name}.yaml"
+        text = path.read_text()
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        path.write_text(text)
+    assert found["simulate"]["scenarios"] == simulate_system(folder / "duct.yaml").to_dict()["scenarios"] != plain
+    assert found["validate"]["scenarios"] == validate_system(folder / "duct.yaml").to_dict()["scenarios"]
