@@ -1,7 +1,8 @@
 """A drawn figure as one for the pointer:  Matplotlib figure -> the JSON of a Bokeh layout; equal figures, equal JSON.
 
-Lines, bands, hatched parts, marks and the legend are read from the figure that was drawn: no picture is described
-twice.  Bokeh's own identifiers count up in a process; here they are numbered anew in each figure.
+Lines, bands, hatched parts, marks, words and the legend are read from the figure that was drawn: no picture is
+described twice.  A figure with anything else, such as fields of colours or axes of names, has none and stays a drawing.
+The identifiers of Bokeh count up in a process; here they are numbered anew in each figure.
 """
 
 from __future__ import annotations
@@ -38,7 +39,12 @@ def interactive_json(figure: Figure) -> str:
 
     Args:
         figure: drawn, its limits known.
+
+    Returns:
+        Empty where the figure has what this does not show.
     """
+    if not all(_is_shown(axes) for axes in figure.axes):
+        return ""
     # loaded here: it costs half a second
     from bokeh.embed import json_item
     from bokeh.layouts import gridplot
@@ -53,6 +59,20 @@ def interactive_json(figure: Figure) -> str:
     # not as an argument, which would be handed on to the panels
     grid.sizing_mode = "stretch_width"
     return _numbered_anew(json.dumps(json_item(grid), allow_nan=False))
+
+
+def _is_shown(axes: Axes) -> bool:
+    """Whether all that axes have is shown here: no images, no fields of colours, no names in place of numbers."""
+    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.ticker import FixedFormatter, FuncFormatter
+
+    # a bar of colours beside the panels is a field too
+    plain = all(isinstance(each, LineCollection | PolyCollection) for each in axes.collections)
+    named = any(
+        isinstance(axis.get_major_formatter(), FixedFormatter | FuncFormatter) and axis.get_scale() == "linear"
+        for axis in (axes.xaxis, axes.yaxis)
+    )
+    return plain and not axes.images and not named
 
 
 def _shares_x(one: Axes, other: Axes) -> bool:
@@ -77,39 +97,51 @@ def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
         y_axis_type="log" if axes.get_yscale() == "log" else "linear",
         x_range=x_range or Range1d(start=low, end=high),
         y_range=Range1d(start=bottom, end=top),
-        x_axis_label=axes.get_xlabel() or None,
-        y_axis_label=axes.get_ylabel() or None,
+        x_axis_label=_words(axes.get_xlabel()) or None,
+        y_axis_label=_words(axes.get_ylabel()) or None,
         min_border_left=70,
     )
     _draw_areas(axes, panel)
     named = [renderer for line in axes.get_lines() if (renderer := _draw_line(axes, panel, line)) is not None]
-    tips = [(axes.get_xlabel() or "x", "$x{0.0000a}"), (axes.get_ylabel() or "y", "$y{0.0000a}")]
+    tips = [(_words(axes.get_xlabel()) or "x", "$x{0.0000a}"), (_words(axes.get_ylabel()) or "y", "$y{0.0000a}")]
+    _write_texts(axes, panel)
     panel.add_tools(HoverTool(renderers=named, tooltips=[("", "$name"), *tips], line_policy="interp"))
     return panel
 
 
 def _draw_line(axes: Axes, panel: Any, line: Line2D) -> Any:
     """Draw one line or row of marks; the renderer where it is a curve with a name."""
-    from bokeh.models import Span
-
     x, y = (np.asarray(values, dtype=float) for values in line.get_data())
     colour, width, dash = _colour(line.get_color()), max(1.2, 1.4 * line.get_linewidth()), _dash(line)
-    if line.get_transform() != axes.transData:
-        # axhline and axvline: one of the coordinates is a share of the axes
-        across = y[0] == y[-1]
-        panel.add_layout(Span(location=float(y[0] if across else x[0]), dimension="width" if across else "height",
-                              line_color=colour, line_width=width, line_dash=dash))  # fmt: skip
-        return None
     name = _name_of(line)
+    look = {"line_color": colour, "line_width": width, "line_dash": dash, "name": name}
+    if line.get_transform() != axes.transData:
+        # axhline and axvline: one of the coordinates is a share of the axes, and the line has no end
+        if y[0] == y[-1]:
+            panel.hspan(y=[float(y[0])], **look)
+        else:
+            panel.vspan(x=[float(x[0])], **look)
+        return None
     marker = _MARKERS.get(str(line.get_marker()))
     drawn = None
     if line.get_linestyle() not in ("None", "none", ""):
         x, y = _stepped(x, y) if line.get_drawstyle() == "steps-post" else (x, y)
-        drawn = panel.line(_short(x), _short(y), line_color=colour, line_width=width, line_dash=dash, name=name)
+        drawn = panel.line(_short(x), _short(y), **look)
     if marker is not None:
         size = 1.4 * line.get_markersize()
         panel.scatter(_short(x), _short(y), marker=marker, size=size, line_color=colour, fill_color=colour)
     return drawn if name else None
+
+
+def _write_texts(axes: Axes, panel: Any) -> None:
+    """Write the words that stand in the axes, where they stand."""
+    from bokeh.models import Label
+
+    for text in axes.texts:
+        dots = text.get_transform().transform(text.get_position())
+        x, y = axes.transData.inverted().transform(dots)
+        place = {"x": float(x), "y": float(y), "text_align": text.get_horizontalalignment()}
+        panel.add_layout(Label(text=text.get_text(), text_font_size="12px", **place))
 
 
 def _draw_areas(axes: Axes, panel: Any) -> None:
@@ -168,7 +200,12 @@ def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
 def _name_of(artist: Any) -> str:
     """Its name in the legend; empty without."""
     label = artist.get_label()
-    return "" if label is None or str(label).startswith(_UNNAMED) else str(label)
+    return "" if label is None or str(label).startswith(_UNNAMED) else _words(str(label))
+
+
+def _words(label: str) -> str:
+    """A label without what keeps dollar signs from starting mathematics."""
+    return label.replace(r"\$", "$")
 
 
 def _stepped(x: Array, y: Array) -> tuple[Array, Array]:

@@ -85,6 +85,16 @@ def label_axes(axes: Axes, y: str, x: str = "") -> None:
     axes.grid(True, which="both", linewidth=0.3)
 
 
+def plain_text(text: str) -> str:
+    """Somebody else's words, for a label: a dollar sign would start mathematics."""
+    return text.replace("$", r"\$")
+
+
+def with_unit_label(quantity: str, unit: str) -> str:
+    """The label of an axis: "output, km/h"; the quantity alone where there is no unit."""
+    return plain_text(f"{quantity}, {unit}") if unit.strip() else quantity
+
+
 def log_axes(axes: Axes, *, both: bool = False) -> None:
     """Make the frequency axis (and the other, if `both`) logarithmic, with plain numbers at the powers of ten only.
 

@@ -21,6 +21,7 @@ from fopi_tune.report.figures.picture import (
     label_axes,
     legend_below,
     log_axes,
+    plain_text,
 )
 from fopi_tune.report.text.formatting import number
 from fopi_tune.spec.model import SystemSpec
@@ -69,7 +70,7 @@ def controller_bode_svg(result: Discretized) -> str:
             axes.grid(True, which="both", linewidth=0.3)
             axes.axvline(nyquist, color="grey", linewidth=0.8)
         title = f"{result.spec.name}: controller, ideal and at {digital.sample_time_s:g} s"
-        gain.set_title(_plain(title))
+        gain.set_title(plain_text(title))
         buffer = io.StringIO()
         canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
     return buffer.getvalue()
@@ -100,7 +101,7 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: ScenarioResult) 
             axes.grid(True, linewidth=0.3)
         control.set_xlabel("time, s")
         output.legend(loc="best")
-        output.set_title(_plain(title))
+        output.set_title(plain_text(title))
         buffer = io.StringIO()
         canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
     return buffer.getvalue()
@@ -111,7 +112,7 @@ def shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarra
     edges = np.flatnonzero(np.diff((mode == 2).astype(int), prepend=0, append=0))
     for k, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
         for place, axes in enumerate(every):
-            label = _plain(f"{name} acts") if k == 0 and place == 0 else None
+            label = plain_text(f"{name} acts") if k == 0 and place == 0 else None
             axes.axvspan(
                 float(time_s[begin]), float(time_s[min(end, len(time_s) - 1)]), color="0.85", linewidth=0, label=label
             )
@@ -123,11 +124,6 @@ def _decibel(values: np.ndarray) -> np.ndarray:
 
 def _phase_deg(values: np.ndarray) -> np.ndarray:
     return np.degrees(np.unwrap(np.angle(values)))
-
-
-def _plain(text: str) -> str:
-    """A dollar sign would start mathematics."""
-    return text.replace("$", r"\$")
 
 
 _REPORT_POINTS = 240

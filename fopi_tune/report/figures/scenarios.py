@@ -21,7 +21,7 @@ from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.responses import FamilyResponse, family_responses, system_responses
 from fopi_tune.report.documents import ResultDocuments
 from fopi_tune.report.figures.members import Members
-from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, Picture, label_axes, legend_below
+from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, Picture, label_axes, legend_below, with_unit_label
 from fopi_tune.report.figures.plots import shade_second_mode
 from fopi_tune.report.figures.step_responses import corner_points
 from fopi_tune.report.text.formatting import number
@@ -143,8 +143,8 @@ def _picture(index: int, loops: DrivenLoops) -> Picture:
         for limit in loops.limits:
             below.axhline(limit, color="0.3", linewidth=0.8, linestyle="--")
         above.set_xlim(0.0, float(t[-1]))
-        label_axes(above, _with_unit("output", loops.units[0]))
-        label_axes(below, _with_unit("control", loops.units[1]), "time, s")
+        label_axes(above, with_unit_label("output", loops.units[0]))
+        label_axes(below, with_unit_label("control", loops.units[1]), "time, s")
         legend_below(figure, above)
 
     title = f"{loops.name}: {response.scenario.name}, the loop as it runs"
@@ -185,7 +185,3 @@ def shown_samples(rows: Array) -> NDArray[np.intp]:
         kept.update((begin + part.argmax(axis=1)).tolist())
         kept.update((begin + part.argmin(axis=1)).tolist())
     return np.array(sorted(kept))
-
-
-def _with_unit(word: str, unit: str) -> str:
-    return f"{word}, {unit}" if unit.strip() else word

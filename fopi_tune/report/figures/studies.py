@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, legend_below
+from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, legend_below, plain_text
 from fopi_tune.report.text.formatting import number
 from fopi_tune.study.model import SUCCESS_STATUSES, HeatMap, Value
 from fopi_tune.study.table import StudyTable
@@ -125,9 +125,9 @@ def heat_map_picture(cells: CellColumns, figure: HeatMap) -> Picture | None:
         mesh = (_draw_fields if as_fields else _draw_points)(axes, places, values, across, up)
         if ring is not None:
             axes.plot(ring[:1], ring[1:], "o", markersize=13, markerfacecolor="none", color=ORANGE, markeredgewidth=2.5)
-        axes.set_xlabel(_plain(figure.x))
-        axes.set_ylabel(_plain(figure.y))
-        bar = drawing.colorbar(mesh, ax=axes, label=_plain(figure.column))
+        axes.set_xlabel(plain_text(figure.x))
+        axes.set_ylabel(plain_text(figure.y))
+        bar = drawing.colorbar(mesh, ax=axes, label=plain_text(figure.column))
         # as lines and not as an image, which a page does not load
         if bar.solids is not None:
             bar.solids.set(rasterized=False, edgecolor="face")
@@ -163,7 +163,7 @@ def _draw_fields(axes: Axes, places: Array, values: Array, across: Scale, up: Sc
     mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(field), cmap="viridis", norm=_norm(values))
     for axis, scale in ((axes.xaxis, across), (axes.yaxis, up)):
         shown = np.unique(np.linspace(0, scale.size - 1, min(scale.size, _MOST_TICKS)).round().astype(int))
-        axis.set_ticks(shown.tolist(), [_plain(scale.labels[index]) for index in shown])
+        axis.set_ticks(shown.tolist(), [plain_text(scale.labels[index]) for index in shown])
     return mesh
 
 
@@ -202,7 +202,7 @@ def parallel_coordinates_picture(cells: CellColumns, columns: Sequence[str]) -> 
             axes.plot(heights[cells.best], color=BLACK, linewidth=2.5, label="best cell")
         for place, scale in enumerate(scales):
             _draw_axis(axes, place, scale)
-        axes.set_xticks(range(len(scales)), [_plain(scale.name) for scale in scales], rotation=20, ha="right")
+        axes.set_xticks(range(len(scales)), [plain_text(scale.name) for scale in scales], rotation=20, ha="right")
         axes.set_yticks([])
         axes.set_ylim(-0.08, 1.08)
         axes.set_xlim(-0.3, len(scales) - 0.5)
@@ -251,7 +251,7 @@ def _draw_axis(axes: Axes, place: int, scale: Scale) -> None:
     ends = [0, scale.size - 1] if not scale.words or scale.size > _MOST_TICKS else range(scale.size)
     for index in dict.fromkeys(ends):
         value: Value = [*scale.numbers, *scale.words][index]
-        text = _plain(scale.labels[index][:24])
+        text = plain_text(scale.labels[index][:24])
         offset = (3, -10) if index == 0 and scale.size > 1 else (3, 3)
         axes.annotate(text, (place, _height(scale, value)), offset, textcoords="offset points", fontsize=8)
 
@@ -267,11 +267,6 @@ def _is_number(value: Value) -> bool:
 
 def _word(value: Value) -> str:
     return ("yes" if value else "no") if isinstance(value, bool) else str(value)
-
-
-def _plain(text: str) -> str:
-    """Text in which a dollar sign starts no formula."""
-    return text.replace("$", r"\$")
 
 
 def figures_of(cells: CellColumns, maps: Sequence[HeatMap], axes: Sequence[str]) -> Mapping[str, Picture]:

@@ -9,7 +9,17 @@ import numpy as np
 from fopi_tune.proof.switched import SystemCertificate
 from fopi_tune.proof.switched.certificate import told
 from fopi_tune.proof.switched.cycles import CycleProof, verify_cycle
-from fopi_tune.report.figures.picture import BLUE, GREEN, ORANGE, WIDE, Picture, label_axes, legend_below
+from fopi_tune.report.figures.picture import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    WIDE,
+    Picture,
+    label_axes,
+    legend_below,
+    plain_text,
+    with_unit_label,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +52,7 @@ def orbit_picture(certificate: SystemCertificate, unit: str = "") -> Picture | N
         axes = figure.subplots()
         edges = np.flatnonzero(np.diff(braking.astype(int), prepend=0, append=0))
         for k, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
-            label = _plain(f"the {brake} is active") if k == 0 else None
+            label = plain_text(f"the {brake} is active") if k == 0 else None
             axes.axvspan(float(time_s[begin]), float(time_s[end]), color="0.85", linewidth=0, label=label)
         axes.plot(time_s, y, color=BLUE, marker=".", markersize=3, linewidth=0.9, label="output at the samples")
         axes.axhline(shown.setpoint, color=ORANGE, linestyle="--", linewidth=0.9, label="setpoint")
@@ -51,7 +61,7 @@ def orbit_picture(certificate: SystemCertificate, unit: str = "") -> Picture | N
             line = each.level(shown.setpoint)
             axes.axhline(line, color=GREEN, linestyle=":", linewidth=0.9, label=label)
         axes.set_xlim(0.0, float(time_s[-1]))
-        label_axes(axes, _labelled("output", unit), "time, s")
+        label_axes(axes, with_unit_label("output", unit), "time, s")
         legend_below(figure, axes)
 
     place = place_of(certificate, shown)
@@ -98,8 +108,8 @@ def region_picture(certificate: SystemCertificate, unit: str = "") -> Picture | 
             axes.set_yticks([])
         label_axes(
             axes,
-            "" if axis is None else _plain(f"{certificate.model.loops[axis[0]].name}: {axis[1]}"),
-            _labelled("setpoint", unit),
+            "" if axis is None else plain_text(f"{certificate.model.loops[axis[0]].name}: {axis[1]}"),
+            with_unit_label("setpoint", unit),
         )
         legend_below(figure, axes)
 
@@ -113,15 +123,6 @@ def place_of(certificate: SystemCertificate, cycle: CycleProof) -> str:
     plants = zip(certificate.model.loops, cycle.plants, strict=True)
     numbers = [f"{loop.name}.{name} = {value:g}" for loop, plant in plants for name, value in plant.items()]
     return ", ".join([f"setpoint {cycle.setpoint:g}", *numbers])
-
-
-def _labelled(quantity: str, unit: str) -> str:
-    return _plain(f"{quantity}, {unit}") if unit else quantity
-
-
-def _plain(text: str) -> str:
-    """A name of somebody else's, for a label: without mathematics."""
-    return text.replace("$", r"\$")
 
 
 def _plant_axis(certificate: SystemCertificate) -> tuple[int, str, float, float] | None:

@@ -12,6 +12,7 @@ from rich.text import Text
 from fopi_tune.core.controller import numbers_of
 from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.prices.result import PointStatus
+from fopi_tune.report.figures.picture import plain_text
 from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
@@ -131,9 +132,9 @@ def tradeoff_svg(result: Tradeoff) -> str:
             result.own.limit, 1.01, "the spec's limit", ha="center", va="bottom", fontsize=8.0,
             transform=axes.get_xaxis_transform(),
         )  # fmt: skip
-        axes.set_xlabel(_plain(f"limit of {result.knob.quantity_name} ({requirement.relation.value})"))
-        axes.set_ylabel(_plain(result.objective_quantity.partition(" (proxy")[0]))
-        axes.set_title(_plain(title), pad=16.0)
+        axes.set_xlabel(plain_text(f"limit of {result.knob.quantity_name} ({requirement.relation.value})"))
+        axes.set_ylabel(plain_text(result.objective_quantity.partition(" (proxy")[0]))
+        axes.set_title(plain_text(title), pad=16.0)
         axes.grid(True, linewidth=0.3)
         buffer = io.StringIO()
         canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
@@ -180,11 +181,6 @@ def _with_words(svg: str, title: str, description: str) -> str:
     # the plotting library's own title says the same
     rest = svg[end:].replace(f"<title>{escape(title)}</title>", "", 1)
     return svg[:at] + opening + words + rest
-
-
-def _plain(text: str) -> str:
-    """A dollar sign would start mathematics."""
-    return text.replace("$", r"\$")
 
 
 def price_lines(prices: Sequence[tuple[str, float | None, float | None, bool, bool]]) -> Iterator[Line]:
