@@ -28,6 +28,14 @@ if TYPE_CHECKING:
     from fopi_tune.spec.model import DesignSpec, SystemSpec
 
 
+#: kind of a result that states a system's gains -> its file, and the command that writes it
+_SYSTEM_RESULTS = {
+    "system_proof": (SYSTEM_PROOF, "prove"),
+    "system_evidence": (EVIDENCE, "validate"),
+    "system_simulation": (f"{SIMULATION}.json", "simulate"),
+}
+
+
 @dataclass(frozen=True)
 class Made:
     """Pages made from files.
@@ -114,12 +122,12 @@ def system_report_from_folder(folder: Path, system: SystemSpec | None) -> Made:
     from fopi_tune.report.system_page import system_report_files
 
     certificate = _certificate_of_system(folder, system)
-    runs = None if system is None else _runs_of_system(folder, system)
+    runs, left_out = (None, ()) if system is None else _runs_of_system(folder, system)
     if certificate is None and runs is None:
         asked = "" if system is None else ", `fopi simulate` or `fopi validate`"
         raise DomainError(f"there is no {SYSTEM_CERTIFICATE} to read in {folder}; make one with `fopi prove`{asked}")
     unit = _stated_unit(folder) if system is None else system.measurement_unit
-    return Made(system_report_files(certificate, unit, runs), ())
+    return Made(system_report_files(certificate, unit, runs), left_out)
 
 
 def _certificate_of_system(folder: Path, system: SystemSpec | None) -> SystemCertificate | None:
@@ -141,23 +149,38 @@ def _certificate_of_system(folder: Path, system: SystemSpec | None) -> SystemCer
     return certificate
 
 
-def _runs_of_system(folder: Path, system: SystemSpec) -> SystemRuns | None:
-    """What the gains of results in a folder do; None without results that state the gains of this system."""
-    from fopi_tune.proof.strict_json import JsonObject
-    from fopi_tune.report.system_page import system_runs
+def _runs_of_system(folder: Path, system: SystemSpec) -> tuple[SystemRuns | None, tuple[str, ...]]:
+    """What the gains of results in a folder do, and which of the results are left out and why.
 
-    for file in (EVIDENCE, f"{SIMULATION}.json", SYSTEM_PROOF):
+    The gains are those of the first result that there is: what is proved, drawn, simulated.
+
+    Raises:
+        DomainError: a result of this system is not as this tool writes it; says which and where.
+    """
+    from fopi_tune.core.controller import controller_of
+    from fopi_tune.report.system_page import system_runs
+    from fopi_tune.results.schema.check import first_problem
+    from fopi_tune.results.schema.kinds import result_schema
+
+    found: dict[str, Document] = {}
+    left_out: list[str] = []
+    for kind, (file, command) in _SYSTEM_RESULTS.items():
         document = _read_document(folder / file)
-        stamp = {} if document is None else document.get("stamp")
-        if document is None or not isinstance(stamp, dict) or stamp.get("spec_sha256") != system.sha256:
+        if document is None:
             continue
-        try:
-            said = JsonObject(document, "").child("gains")
-            named = {mode.name: said.child(mode.name).controller() for mode in system.modes}
-        except CertificateError as error:
-            raise DomainError(f"{folder / file} is not as this tool writes it: {error}; make it again") from None
-        return system_runs(system, named, document if file == EVIDENCE else None)
-    return None
+        stamp, again = document.get("stamp"), f"run `fopi {command}` again"
+        if not isinstance(stamp, dict) or stamp.get("spec_sha256") != system.sha256:
+            left_out.append(f"{folder / file} is of another system, or of another text of this one; {again}")
+        elif (problem := first_problem(document, result_schema(kind))) is not None:
+            raise DomainError(f"{folder / file} is not as this tool writes it: {problem}; {again}")
+        elif found and document["gains"] != next(iter(found.values()))["gains"]:
+            left_out.append(f"{folder / file} is of other gains than what is shown; {again}")
+        else:
+            found[kind] = document
+    if not found:
+        return None, tuple(left_out)
+    gains = {name: controller_of(numbers) for name, numbers in next(iter(found.values()))["gains"].items()}
+    return system_runs(system, gains, found.get("system_evidence")), tuple(left_out)
 
 
 def _stated_unit(folder: Path) -> str:

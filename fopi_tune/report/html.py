@@ -6,7 +6,6 @@ This module decides what the report contains; `page.py` renders it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
@@ -32,7 +31,7 @@ from fopi_tune.report.head import controller_words, files_of_page, head_of
 from fopi_tune.report.measure_entries import ENTRIES, measures_met
 from fopi_tune.report.measure_rows import measure_rows
 from fopi_tune.report.page import figure_files, render_figures, render_template
-from fopi_tune.report.requirement_rows import RequirementRow, place_phrase, requirement_rows
+from fopi_tune.report.requirement_rows import place_phrase, requirement_rows
 from fopi_tune.report.response_rows import driven_plants, measure_ranges
 from fopi_tune.report.text.formatting import (
     exact_limit,
@@ -42,7 +41,6 @@ from fopi_tune.report.text.formatting import (
     sentence,
 )
 from fopi_tune.report.text.measures import limit_phrase, limit_scope_phrase
-from fopi_tune.report.words import in_words
 from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.scenarios import every_requirement
 
@@ -126,7 +124,7 @@ def _slider_values(members: Members | None) -> dict[str, Any]:
 def _text_values(documents: ResultDocuments) -> dict[str, Any]:
     """Template values that are text."""
     spec, design, digital, evidence = documents.spec, documents.design, documents.digital, documents.evidence
-    rows = _worded(requirement_rows(documents.requirements, design["objective"]) + measure_rows(spec, design))
+    rows = requirement_rows(documents.requirements, design["objective"]) + measure_rows(spec, design)
     status = str(design["status"])
     verdict = design["proof"]["verdict"]
     return {
@@ -146,16 +144,14 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
         "digital_status": "" if digital is None else _digital_words(documents, digital),
         "score_note": _score_note(documents.requirements),
         "digital_score_note": _score_note(documents.digital_requirements),
-        "digital_rows": _worded(requirement_rows(documents.digital_requirements) + measure_rows(spec, digital)),
+        "digital_rows": requirement_rows(documents.digital_requirements) + measure_rows(spec, digital),
         "sampling": "" if evidence is None else sampling_phrase(evidence),
         "confidence": "" if evidence is None else f"{100.0 * evidence['drawn']['confidence']:g} %",
-        "evidence": ()
-        if evidence is None
-        else [replace(row, what=in_words(row.what), worst=in_words(row.worst)) for row in evidence_rows(evidence)],
+        "evidence": () if evidence is None else evidence_rows(evidence),
         "head": list(head_of(documents)),
         "links": files_of_page(documents, design["proof"].get("certificate_digest") is not None),
         "priced": any(row.cost for row in rows),
-        "objective_name": in_words(design["objective_quantity"]),
+        "objective_name": design["objective_quantity"],
         "proof": list(_proof(design["proof"])),
         "stamp": list(_stamp(design)),
     }
@@ -164,13 +160,6 @@ def _text_values(documents: ResultDocuments) -> dict[str, Any]:
 def _gains_words(gains: FoPi, status: str) -> str:
     no_solution = "" if status == "solved" else "; these gains are no solution, only where the search ended"
     return f"{controller_words(gains)}{no_solution}"
-
-
-def _worded(rows: Sequence[RequirementRow]) -> tuple[RequirementRow, ...]:
-    """Rows with words and signs in place of the language's identifiers."""
-    return tuple(
-        replace(row, what=in_words(row.what), scope=in_words(row.scope), worst=in_words(row.worst)) for row in rows
-    )
 
 
 def _score_note(requirements: Sequence[ReportedRequirement]) -> str:
@@ -201,7 +190,7 @@ def _clash(documents: ResultDocuments) -> list[str]:
     words = []
     for give in documents.design["clash"]:
         requirement = every_requirement(documents.spec)[give["requirement"]]
-        said = f"{in_words(limit_phrase(requirement))} ({limit_scope_phrase(requirement)})"
+        said = f"{limit_phrase(requirement)} ({limit_scope_phrase(requirement)})"
         if give["give"] is not None and give["new_limit"] is not None:
             said += f": alone it would have to give {number(give['give'])}, to {exact_limit(give['new_limit'])}"
         words.append(said)
@@ -211,12 +200,12 @@ def _clash(documents: ResultDocuments) -> list[str]:
 def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     stability, nominal = design["stability"], design["nominal"]
     value = "undefined" if design["objective"] is None else number(design["objective"])
-    yield "objective", f"{in_words(design['objective_quantity'])}: {value}"
+    yield "objective", f"{design['objective_quantity']}: {value}"
     if stability is not None:
         stable = "undecided" if stability.get("undecided") else "stable" if stability["stable"] else "NOT STABLE"
         yield (
             "stability",
-            f"{stable}: {stability['reason']}; closest to −1 {in_words(place_phrase(stability['worst']))}",
+            f"{stable}: {stability['reason']}; closest to -1 {place_phrase(stability['worst'])}",
         )
     if nominal is not None:
         yield "nominal plant", margins_phrase(nominal)

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from fopi_tune.errors import DomainError
 from fopi_tune.report.figures.picture import Picture, every_form_of
+from fopi_tune.report.words import in_words
 
 #: type of what figures are drawn from
 Source = TypeVar("Source")
@@ -78,7 +79,10 @@ def figure_files(figures: Sequence[RenderedFigure]) -> dict[str, str | bytes]:
 
 
 def render_template(template: str, values: Mapping[str, Any]) -> str:
-    """Fill a template; everything in `values` is escaped, except the SVG of figures (lists of `RenderedFigure`)."""
+    """Fill a template; everything in `values` is escaped, except figures (lists of `RenderedFigure`).
+
+    The filter `words` puts identifiers of the language into words.
+    """
     # loaded here: only pages need it
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
@@ -92,6 +96,7 @@ def render_template(template: str, values: Mapping[str, Any]) -> str:
         keep_trailing_newline=True,
         autoescape=True,
     )
+    environment.filters["words"] = in_words
     slider, live, style = (loader.get_source(environment, name)[0] for name in ("slider.js", "live.js", "report.css"))
     figures = {
         key: [_for_template(each) for each in value]

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.pipeline.responses import FamilyResponse
 from fopi_tune.report.figures.scenarios import DrivenLoops
 from fopi_tune.report.text.formatting import TIE, number
-from fopi_tune.report.words import in_words, name_and_unit
+from fopi_tune.report.words import name_and_unit
 from fopi_tune.simulation.measures import measure_values
 from fopi_tune.spec.measures import ACCELERATION, MEASURES, velocity_unit
+from fopi_tune.spec.model import Limit, Relation
 
 #: digits of a measure
 _DIGITS = 4
@@ -30,6 +32,7 @@ class MeasureRange:
         least: over the plants.
         largest: over the plants.
         worst: the plant with the largest value.
+        judged: the spec's limits of the measure, and how many of the plants keep each; empty without.
     """
 
     scenario: str
@@ -38,6 +41,7 @@ class MeasureRange:
     least: str
     largest: str
     worst: str
+    judged: str
 
 
 def measure_ranges(loops: DrivenLoops) -> tuple[MeasureRange, ...]:
@@ -69,9 +73,22 @@ def _rows(loops: DrivenLoops, response: FamilyResponse) -> Iterator[MeasureRange
             _shown(values[0]),
             _shown(values.min()),
             _shown(values.max()),
-            in_words(", ".join(f"{key}{TIE}={TIE}{number(value, _DIGITS)}" for key, value in worst.items())),
+            ", ".join(f"{key}{TIE}={TIE}{number(value, _DIGITS)}" for key, value in worst.items()),
+            "; ".join(_judged(limit, values) for limit in loops.judged if _is_about(limit, word, response)),
         )
         name = ""
+
+
+def _is_about(limit: Limit, word: str, response: FamilyResponse) -> bool:
+    return limit.measure == word and limit.scenario in (None, response.scenario.name)
+
+
+def _judged(limit: Limit, values: Array) -> str:
+    """A limit and how many plants keep it; a value that is not known keeps none."""
+    at_most = limit.relation is Relation.AT_MOST
+    kept = int(np.count_nonzero(values <= limit.limit if at_most else values >= limit.limit))
+    said = "kept" if kept == len(values) else f"kept by {kept} of {len(values)}"
+    return f"{'≤' if at_most else '≥'}{TIE}{limit.limit:.10g}: {said}"
 
 
 def _unit(loops: DrivenLoops, unit: str) -> str:

@@ -6,7 +6,7 @@ Equal certificates, simulations and evidence give equal bytes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -21,7 +21,6 @@ from fopi_tune.report.head import controller_words
 from fopi_tune.report.page import figure_files, render_figures, render_template
 from fopi_tune.report.response_rows import driven_plants, measure_ranges
 from fopi_tune.report.text.formatting import number
-from fopi_tune.report.words import in_words
 from fopi_tune.spec.model import SystemSpec
 
 #: the page's file
@@ -120,9 +119,7 @@ def _run_values(runs: SystemRuns | None) -> dict[str, Any]:
         "ranges": measure_ranges(runs.driven),
         "sampling": "" if drawn is None else sampling_phrase(drawn),
         "confidence": "" if drawn is None else f"{100.0 * drawn['drawn']['confidence']:g} %",
-        "evidence": () if drawn is None else [
-            replace(row, what=in_words(row.what), worst=in_words(row.worst)) for row in system_evidence_rows(drawn)
-        ],
+        "evidence": () if drawn is None else system_evidence_rows(drawn),
         "system_sha256": runs.sha256,
     }  # fmt: skip
 

@@ -26,7 +26,6 @@ _OWN = {
     "iae": "∫|r − y| dt",
     "ise": "∫(r − y)² dt",
     "iae_disturbance": "∫e(t) dt after a load step",
-    "ki": "ki",
     "depth": "depth inside all requirements",
     "sensitivity_db": f"|S|{TIE}dB",
     "complementary_sensitivity_db": f"|T|{TIE}dB",
@@ -34,12 +33,14 @@ _OWN = {
     "load_sensitivity_db": f"|P S|{TIE}dB",
     "loop_gain_db": f"|L|{TIE}dB",
 }
-_SIGNS = {">=": "≥", "<=": "≤", " in [": " in ["}
+_SIGNS = {">=": "≥", "<=": "≤"}
 #: every identifier that pages put into words; a family's own names stay as they were written
 _KNOWN = {
     *QUANTITIES, *MEASURES, *(kind.value for kind in ObjectiveKind),
     *(name for model in PLANT_MODELS.values() for name in model.scalars),
 }  # fmt: skip
+#: the name of a mode before one of its plant's numbers: "brake.time_constant_s"
+_OF_MODE = re.compile(r"\b([a-z][a-z0-9_]*)\.([a-z][a-z0-9_]*)\b")
 _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 #: an identifier, a relation and its value: the value takes the unit
 _RELATION = re.compile(rf"\b([a-z][a-z0-9_]*)([{TIE} ](?:>=|<=|=|≈)[{TIE} ])(-?[0-9][0-9.e+-]*)")
@@ -58,11 +59,20 @@ def name_and_unit(identifier: str) -> tuple[str, str]:
     return identifier.replace("_", " "), ""
 
 
+def axis_label(identifier: str) -> str:
+    """An identifier as the label of an axis: "time constant, s"."""
+    name, unit = name_and_unit(identifier)
+    return ", ".join(part for part in (name, unit.strip(f"{TIE} ")) if part)
+
+
 def in_words(text: str) -> str:
     """A sentence or formula with known identifiers as words, the values after them with their units, and with signs.
 
     "phase_margin_deg >= 80" becomes "phase margin ≥ 80°"; "omega" becomes "ω".
     """
+
+    def of_mode(found: re.Match[str]) -> str:
+        return f"{found[1]} {found[2]}" if found[2] in _KNOWN else found[0]
 
     def relation(found: re.Match[str]) -> str:
         name, unit = name_and_unit(found[1])
@@ -71,7 +81,7 @@ def in_words(text: str) -> str:
     def word(found: re.Match[str]) -> str:
         return {"omega": "ω", "alpha": "α", "mu": "μ"}.get(found[0], name_and_unit(found[0])[0])
 
-    said = _WORD.sub(word, _RELATION.sub(relation, text))
+    said = _WORD.sub(word, _RELATION.sub(relation, _OF_MODE.sub(of_mode, text)))
     for sign, shown in _SIGNS.items():
         said = said.replace(sign, shown)
     return re.sub(r"(?<![\w.])-(?=\d)", "−", said)

@@ -113,6 +113,27 @@ def test_the_report_of_a_system_has_what_was_simulated_and_drawn(tmp_path: Path)
     assert f"{100.0 * joint['met'] / joint['total']:g} %" in page
     # gains of another text of the system are not shown
     assert fopi("report", car(tmp_path, "reset"), "--out", str(out), "--quiet").exit_code == 2
+    file = car(tmp_path, "held")
+    changed = json.loads((out / "simulation.json").read_text(encoding="utf-8"))
+    changed["gains"]["brake"]["kp"] += 1.0
+    (out / "simulation.json").write_text(json.dumps(changed), encoding="utf-8")
+    told = fopi("report", file, "--out", str(out), "--quiet")
+    assert told.exit_code == 0
+    assert "simulation.json is of other gains than what is shown; run `fopi simulate` again" in told.stderr
+
+
+@pytest.mark.parametrize("key", ["joint_yield", "scenarios", "gains", "drawn"])
+def test_damaged_evidence_of_a_system_is_refused_with_what_to_do(tmp_path: Path, key: str) -> None:
+    file, out = car(tmp_path, "held"), tmp_path / "out"
+    fopi("validate", file, "--samples", "4", "--out", str(out), "--quiet")
+    found = json.loads((out / "evidence.json").read_text(encoding="utf-8"))
+    del found[key]
+    (out / "evidence.json").write_text(json.dumps(found), encoding="utf-8")
+    told = fopi("report", file, "--out", str(out), "--quiet")
+    assert told.exit_code == 2
+    assert "is not as this tool writes it" in told.stderr
+    assert f"'{key}'" in told.stderr or key in told.stderr
+    assert "run `fopi validate` again" in told.stderr
 
 
 def test_a_spec_with_output_limits_says_whether_it_is_stable_with_them(tmp_path: Path) -> None:

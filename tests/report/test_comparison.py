@@ -103,7 +103,7 @@ def test_designs_for_other_plants_are_shown_and_never_compared() -> None:
     assert not any(re.search("better|best|alike|closer", sentence) for sentence in comparison.sentences)
     page = comparison_files([("a", documents(ROBUST_BRAKE)), ("b", documents(PI, OTHER))])["compare.html"]
     assert "The designs are not about the same plants and the same loop." in str(page)
-    assert "time_constant_s from 1.6 to 3, nominal 2.25" in str(page)
+    assert "time constant from 1.6 to 3, nominal 2.25" in str(page)
 
 
 def test_a_nominal_value_alone_makes_other_plants() -> None:

@@ -10,6 +10,7 @@ from cases import switched
 from cases.pages import HOSTILE, Page
 
 from fopi_tune.report.system_page import SYSTEM_REPORT, system_report_files
+from fopi_tune.report.words import in_words
 
 
 def page_of(memory: str) -> str:
@@ -34,9 +35,9 @@ def test_the_page_has_every_statement_orbit_and_bound() -> None:
     assert "cycles. A periodic orbit is named" in of_held
     assert "settles. The output settles on every setpoint of the range" in of_reset
     for said in reset.statements:
-        assert said in of_reset
+        assert in_words(said) in of_reset
     for each in held.cycles:
-        assert f"setpoint {each.setpoint:g}, brake.time_constant_s = {each.plants[1]['time_constant_s']:g}" in of_held
+        assert f"setpoint {each.setpoint:g}, brake time constant = {each.plants[1]['time_constant_s']:g}" in of_held
         assert f"{each.lowest:+.4g}" in of_held
     assert "Bounds of the memories" in of_reset
     assert "brake plant lag: " in of_reset.replace("brakeplant", "brake plant")

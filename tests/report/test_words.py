@@ -19,6 +19,7 @@ from fopi_tune.spec.measures import MEASURES
         ("overshoot <= 0.1", "overshoot ≤ 0.1"),
         (f"with time_constant_s{TIE}={TIE}3.1", f"with time constant{TIE}={TIE}3.1{TIE}s"),
         ("peak_rate_per_s <= 2", f"peak rate ≤ 2{TIE}per s"),
+        ("at brake.time_constant_s = 1.6", f"at brake time constant = 1.6{TIE}s"),
         ("omega, rad/s", "ω, rad/s"),
         ("minimize phase_margin_spread_deg", "minimize phase margin spread"),
     ],

@@ -26,10 +26,10 @@ from fopi_tune.report.figures.forbidden_regions import (
     mark_critical_phases,
     sensitivity_discs,
 )
-from fopi_tune.report.figures.members import Members, gains_at_phase_crossovers
+from fopi_tune.report.figures.members import Members
 from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, WIDE, Picture, label_axes, legend_below, log_axes
 from fopi_tune.report.text.formatting import number
-from fopi_tune.report.words import name_and_unit
+from fopi_tune.report.words import axis_label, name_and_unit
 from fopi_tune.spec.model import Relation, Requirement, Scope
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def bode(members: Members) -> Picture:
     requirements = members.documents.spec.requirements
     crossings, of_named = _crossovers(members), gain_crossovers(members.named_loops)
     phases, own = np.degrees(of_named.phase_rad), of_named.row == 0
-    turned = gains_at_phase_crossovers(members)
+    turned = members.gains_at_phase_crossovers
 
     def draw(figure: Figure) -> None:
         gain, phase = figure.subplots(2, 1, sharex=True)
@@ -99,7 +99,7 @@ def bode(members: Members) -> Picture:
 def nyquist(members: Members) -> Picture:
     """L in the complex plane, with the circle around -1 that no plant enters and the forbidden discs."""
     near, loops = members.near_unit_gain, members.family_loops
-    crossings, turned = gain_crossovers(members.named_loops), gains_at_phase_crossovers(members)
+    crossings, turned = gain_crossovers(members.named_loops), members.gains_at_phase_crossovers
     named = np.exp(near.named_log_loop)
     grey = np.exp(near.log_loop(loops.take(np.arange(0, len(loops), max(1, len(loops) // _GREY)))))
     stability = members.documents.design["stability"] or {}
@@ -196,10 +196,10 @@ def margins_along(members: Members) -> Picture | None:
             forbid_along(axes, requirements, word, nominal)
             axes.axvline(nominal, color="black", linewidth=0.6, linestyle=":")
             label_axes(axes, word.replace("_deg", ", deg").replace("_db", ", dB").replace("_", " "))
-            axes.set_xlabel(f"{called},{unit}" if word == "gain_margin_db" else "")
+            axes.set_xlabel(axis_label(names[0]) if word == "gain_margin_db" else "")
 
     others = "" if len(names) == 1 else "; the other uncertain numbers are nominal"
-    called, unit = name_and_unit(names[0])
+    called = name_and_unit(names[0])[0]
     title = f"{members.documents.spec.name}: margins against the {called}"
     told = f"{_margin_ranges(found)}.{_unstable_note(found)}"
     said = f"Phase margin and gain margin against the {called}{others}: {told} Dotted: nominal. {_HATCHED}."

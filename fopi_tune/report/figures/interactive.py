@@ -101,6 +101,8 @@ def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
         y_axis_label=_words(axes.get_ylabel()) or None,
         min_border_left=70,
     )
+    # where nothing is measured
+    panel.yaxis.visible = len(axes.get_yticks()) > 0
     _draw_areas(axes, panel)
     named = [renderer for line in axes.get_lines() if (renderer := _draw_line(axes, panel, line)) is not None]
     tips = [(_words(axes.get_xlabel()) or "x", "$x{0.0000a}"), (_words(axes.get_ylabel()) or "y", "$y{0.0000a}")]

@@ -125,6 +125,17 @@ class Members:
             return np.zeros(len(points), dtype=bool)
 
     @cached_property
+    def gains_at_phase_crossovers(self) -> list[tuple[int, float, float]]:
+        """Of each of `named` that has one: its row, its lowest phase crossover, rad/s, and |L| there, above 0."""
+        try:
+            found = phase_crossovers(self.named_loops)
+        except DomainError:  # too many to list: the figure does without them
+            return []
+        rows, first = np.unique(found.row, return_index=True)
+        every = zip(rows.tolist(), found.omega_rad_s[first].tolist(), found.gain[first].tolist(), strict=True)
+        return [each for each in every if each[2] > 0.0]
+
+    @cached_property
     def parameter_values(self) -> Array:
         """Values of the first uncertain number, as `values_of`; empty without one."""
         return self.values_of(0, 21) if self.numbers else np.zeros(0)
@@ -149,9 +160,8 @@ class Members:
         if self.range_rad_s is not None:
             top = min(self.range_rad_s[1], _BELOW_NYQUIST * loops.highest_rad_s)
             return np.geomspace(self.range_rad_s[0], top, _POINTS)
-        crossings = np.concatenate(
-            [gain_crossovers(loops).omega_rad_s, [omega for _, omega, _ in gains_at_phase_crossovers(self)]]
-        )
+        turned = [omega for _, omega, _ in self.gains_at_phase_crossovers]
+        crossings = np.append(gain_crossovers(loops).omega_rad_s, turned)
         ends = [end for r in self.documents.spec.requirements for end in (r.from_rad_s, r.to_rad_s)]
         said = [
             found.reported["worst"]["omega_rad_s"] for found in self.documents.requirements if found.reported["worst"]
@@ -222,16 +232,6 @@ def members_of(documents: ResultDocuments) -> Members | None:
     if loop_name(documents.spec) == "sampled" and documents.implementation is None:
         return None
     return None if gains is None or gains.is_zero else Members(documents, gains)
-
-
-def gains_at_phase_crossovers(members: Members) -> list[tuple[int, float, float]]:
-    """Of each of `named` that has one: its row, its lowest phase crossover, rad/s, and |L| there."""
-    try:
-        found = phase_crossovers(members.named_loops)
-    except DomainError:  # too many to list: the figure does without them
-        return []
-    rows, first = np.unique(found.row, return_index=True)
-    return list(zip(rows.tolist(), found.omega_rad_s[first].tolist(), found.gain[first].tolist(), strict=True))
 
 
 def _worst_point(family: PlantFamily, found: ReportedRequirement) -> tuple[float, ...] | None:

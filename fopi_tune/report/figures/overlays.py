@@ -20,6 +20,7 @@ from fopi_tune.report.figures.members import Members, members_of
 from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, WIDE, Picture, label_axes, legend_below, log_axes
 from fopi_tune.report.figures.step_responses import step_response, times_s
 from fopi_tune.report.text.formatting import number
+from fopi_tune.report.words import axis_label, name_and_unit
 from fopi_tune.simulation.fractional.linear import Signal
 from fopi_tune.spec.model import Requirement
 
@@ -121,7 +122,7 @@ def _bode(overlay: Overlay) -> Picture | None:
         gain.axhline(0.0, color="black", linewidth=0.6)
         mark_critical_phases(phase, np.concatenate(at_crossovers))
         label_axes(gain, "|L|, dB")
-        label_axes(phase, "arg L, deg", "omega, rad/s")
+        label_axes(phase, "arg L, deg", "ω, rad/s")
         legend_below(figure, gain)
 
     told = "; ".join(f"{each.entry.label}: {_crossover(each.members)}" for each in overlay.designs)
@@ -146,7 +147,7 @@ def _sensitivities(overlay: Overlay) -> Picture | None:
             fit_y_limits(axes, [value[word] for _, family, nominal in found for value in (family, nominal)], 90.0)
             forbid_values(axes, overlay.shared, word)
             label_axes(axes, label)
-        every[-1].set_xlabel("omega, rad/s")
+        every[-1].set_xlabel("ω, rad/s")
         legend_below(figure, every[0])
 
     peaks = "; ".join(
@@ -208,6 +209,7 @@ def _margins(overlay: Overlay) -> Picture | None:
     name = next((first[0] for first in names if first), None)
     if name is None:
         return None
+    called = name_and_unit(name)[0]
     found: list[tuple[OverlaidDesign, Array, dict[str, Array]]] = []
     for each, first in zip(overlay.designs, names, strict=True):
         try:
@@ -230,7 +232,7 @@ def _margins(overlay: Overlay) -> Picture | None:
                 axes.text(0.5, 0.5, without_a_curve(every_curve), transform=axes.transAxes, ha="center")
                 axes.set_yticks([])
             label_axes(axes, label)
-        every[-1].set_xlabel(name)
+        every[-1].set_xlabel(axis_label(name))
         legend_below(figure, every[0])
 
     told = "; ".join(
@@ -240,8 +242,8 @@ def _margins(overlay: Overlay) -> Picture | None:
     )
     others = [each.entry.letter for each, first in zip(overlay.designs, names, strict=True) if first != (name,)]
     missing = f" Without this uncertain number: {', '.join(others)}." if others else ""
-    said = f"Phase margin and gain margin against {name}, other uncertain numbers nominal; {told}.{missing}"
-    return Picture(f"Margins against {name}", f"{said}{overlay.caution}{overlay.left_out}", draw, (WIDE, 4.6))
+    said = f"Phase margin and gain margin against the {called}, other uncertain numbers nominal; {told}.{missing}"
+    return Picture(f"Margins against the {called}", f"{said}{overlay.caution}{overlay.left_out}", draw, (WIDE, 4.6))
 
 
 def _plot_family(axes: Axes, each: OverlaidDesign, family: Array, nominal: Array) -> None:

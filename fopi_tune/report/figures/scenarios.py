@@ -25,7 +25,7 @@ from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, Picture, label_
 from fopi_tune.report.figures.plots import shade_second_mode
 from fopi_tune.report.figures.step_responses import corner_points
 from fopi_tune.report.text.formatting import number
-from fopi_tune.spec.model import SystemSpec
+from fopi_tune.spec.model import Limit, SystemSpec
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,6 +50,7 @@ class DrivenLoops:
         responses: one a scenario.
         units: of the output and of the control; empty where they are not told.
         limits: of the control; none without.
+        judged: limits of the scenarios' measures.
         second_mode: the name of a system's second mode; empty for a loop.
         own_scenarios: whether they are the spec's, not the default one.
         why_none: why there are no responses; empty where there are some.
@@ -61,6 +62,7 @@ class DrivenLoops:
     responses: tuple[FamilyResponse, ...] = ()
     units: tuple[str, str] = ("", "")
     limits: tuple[float, ...] = ()
+    judged: tuple[Limit, ...] = ()
     second_mode: str = ""
     own_scenarios: bool = True
     why_none: str = ""
@@ -95,6 +97,7 @@ def driven_loops(documents: ResultDocuments, members: Members | None) -> DrivenL
         responses,
         (digital.measurement_unit, digital.output_unit),
         digital.output_limits or (),
+        spec.judged_limits,
         own_scenarios=bool(spec.scenarios),
     )
 
@@ -113,6 +116,7 @@ def driven_system(system: SystemSpec, gains: Mapping[str, FoPi]) -> DrivenLoops:
         ("nominal",),
         responses,
         (system.measurement_unit, units.pop() if len(units) == 1 else ""),
+        judged=system.judged_limits,
         second_mode=system.modes[1].name,
     )
 

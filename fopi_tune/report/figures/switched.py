@@ -20,6 +20,7 @@ from fopi_tune.report.figures.picture import (
     plain_text,
     with_unit_label,
 )
+from fopi_tune.report.words import axis_label, in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,7 +65,7 @@ def orbit_picture(certificate: SystemCertificate, unit: str = "") -> Picture | N
         label_axes(axes, with_unit_label("output", unit), "time, s")
         legend_below(figure, axes)
 
-    place = place_of(certificate, shown)
+    place = in_words(place_of(certificate, shown))
     attracts = "attracting " if shown.attracts else ""
     return Picture(
         f"{certificate.name}: a periodic orbit, proved",
@@ -106,11 +107,8 @@ def region_picture(certificate: SystemCertificate, unit: str = "") -> Picture | 
         axes.set_ylim(low - room, high + room)
         if axis is None:
             axes.set_yticks([])
-        label_axes(
-            axes,
-            "" if axis is None else plain_text(f"{certificate.model.loops[axis[0]].name}: {axis[1]}"),
-            with_unit_label("setpoint", unit),
-        )
+        number = "" if axis is None else f"{certificate.model.loops[axis[0]].name}: {axis_label(axis[1])}"
+        label_axes(axes, plain_text(number), with_unit_label("setpoint", unit))
         legend_below(figure, axes)
 
     return Picture(
