@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
 
@@ -25,7 +24,8 @@ if TYPE_CHECKING:
 #: pixels for an inch of the drawing
 _PIXELS_PER_INCH = 88
 _DASHES: dict[Any, str] = {"-": "solid", "--": "dashed", "-.": "dotdash", ":": "dotted"}
-_MARKERS = {"o": "circle", ".": "dot", "+": "cross", "x": "x"}
+_MARKERS = {"o": "circle", ".": "dot", "+": "cross", "x": "x", "s": "square"}
+_NO_MARKER = ("None", "none", " ", "")
 #: a label that Matplotlib leaves out of its legend begins with this
 _UNNAMED = "_"
 #: pixels of the labels below the last panel, and of a line of the legend
@@ -62,7 +62,7 @@ def interactive_json(figure: Figure) -> str:
 
 
 def _is_shown(axes: Axes) -> bool:
-    """Whether all that axes have is shown here: no images, no fields of colours, no names in place of numbers."""
+    """Whether all that axes have is shown here: no images, no fields of colours, no names for numbers, known marks."""
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.ticker import FixedFormatter, FuncFormatter
 
@@ -72,7 +72,8 @@ def _is_shown(axes: Axes) -> bool:
         isinstance(axis.get_major_formatter(), FixedFormatter | FuncFormatter) and axis.get_scale() == "linear"
         for axis in (axes.xaxis, axes.yaxis)
     )
-    return plain and not axes.images and not named
+    marked = all(str(line.get_marker()) in (*_MARKERS, *_NO_MARKER) for line in axes.get_lines())
+    return plain and marked and not axes.images and not named
 
 
 def _shares_x(one: Axes, other: Axes) -> bool:
@@ -113,25 +114,28 @@ def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
 
 def _draw_line(axes: Axes, panel: Any, line: Line2D) -> Any:
     """Draw one line or row of marks; the renderer where it is a curve with a name."""
+    from bokeh.models import HSpan, Line, Scatter, VSpan
+
     x, y = (np.asarray(values, dtype=float) for values in line.get_data())
     colour, width, dash = _colour(line.get_color()), max(1.2, 1.4 * line.get_linewidth()), _dash(line)
     name = _name_of(line)
-    look = {"line_color": colour, "line_width": width, "line_dash": dash, "name": name}
+    look = {"line_color": colour, "line_width": width, "line_dash": dash}
     if line.get_transform() != axes.transData:
         # axhline and axvline: one of the coordinates is a share of the axes, and the line has no end
         if y[0] == y[-1]:
-            panel.hspan(y=[float(y[0])], **look)
+            _add(panel, HSpan(y="y", **look), {"y": y[:1]}, name)
         else:
-            panel.vspan(x=[float(x[0])], **look)
+            _add(panel, VSpan(x="x", **look), {"x": x[:1]}, name)
         return None
     marker = _MARKERS.get(str(line.get_marker()))
     drawn = None
     if line.get_linestyle() not in ("None", "none", ""):
         x, y = _stepped(x, y) if line.get_drawstyle() == "steps-post" else (x, y)
-        drawn = panel.line(_short(x), _short(y), **look)
+        drawn = _add(panel, Line(x="x", y="y", **look), {"x": x, "y": y}, name)
     if marker is not None:
         size = 1.4 * line.get_markersize()
-        panel.scatter(_short(x), _short(y), marker=marker, size=size, line_color=colour, fill_color=colour)
+        points = Scatter(x="x", y="y", marker=marker, size=size, line_color=colour, fill_color=colour)
+        _add(panel, points, {"x": x, "y": y})
     return drawn if name else None
 
 
@@ -148,19 +152,30 @@ def _write_texts(axes: Axes, panel: Any) -> None:
 
 def _draw_areas(axes: Axes, panel: Any) -> None:
     """Draw bands, hatched parts and circles."""
+    from bokeh.models import Patch
+
     for patch in [*axes.collections, *axes.patches]:
         hatch = patch.get_hatch()
         for x, y in _outlines(axes, patch):
             face, edge = patch.get_facecolor(), patch.get_edgecolor()
             face, edge = (np.atleast_2d(each)[0] if len(each) else (0.0, 0.0, 0.0, 0.0) for each in (face, edge))
             width = float(np.atleast_1d(patch.get_linewidth())[0])
-            panel.patch(
-                _short(x), _short(y), fill_color=_colour(face[:3]), fill_alpha=float(face[3]),
+            area = Patch(
+                x="x", y="y", fill_color=_colour(face[:3]), fill_alpha=float(face[3]),
                 line_color=_colour(edge[:3]), line_alpha=float(edge[3]) if width else 0.0, line_width=width,
                 line_dash="solid" if hatch else _dash_of_patch(patch),
                 hatch_pattern=_hatch(hatch), hatch_color=_colour(edge[:3]), hatch_alpha=0.5, hatch_weight=0.6,
-                name=_name_of(patch),
             )  # fmt: skip
+            _add(panel, area, {"x": x, "y": y}, _name_of(patch))
+
+
+def _add(panel: Any, glyph: Any, columns: dict[str, Array], name: str = "") -> Any:
+    """Add a glyph; alone, as its copies for what is selected or muted would be four fifths of a page's models."""
+    from bokeh.models import ColumnDataSource
+
+    # single precision is more than a screen shows, and half as long
+    data = {key: np.asarray(values, dtype=np.float32) for key, values in columns.items()}
+    return panel.add_glyph(ColumnDataSource(data), glyph, name=name)
 
 
 def _outlines(axes: Axes, patch: Any) -> Iterator[tuple[Array, Array]]:
@@ -179,7 +194,7 @@ def _outlines(axes: Axes, patch: Any) -> Iterator[tuple[Array, Array]]:
 
 def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
     """The names of lines and bands below the last panel; a click, or Enter, hides what has the name in every panel."""
-    from bokeh.models import ColumnDataSource, Legend, LegendItem
+    from bokeh.models import Legend, LegendItem
 
     named: dict[str, list[Any]] = {}
     for panel in panels:
@@ -190,8 +205,8 @@ def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
         for found in named.values():
             if not any(each in panels[-1].renderers for each in found):
                 # a legend shows only what is drawn in its own panel: here without any point
-                nowhere = ColumnDataSource({"x": [float("nan")] * 2, "y": [float("nan")] * 2})
-                found.append(panels[-1].add_glyph(nowhere, found[0].glyph.clone()))
+                nowhere = np.full(2, np.nan)
+                found.append(_add(panels[-1], found[0].glyph.clone(), {"x": nowhere, "y": nowhere}))
         items = [LegendItem(label=name, renderers=found) for name, found in named.items()]
         # one below the other: side by side they would not fit a narrow screen
         panels[-1].add_layout(Legend(items=items, click_policy="hide", location="left"), "below")
@@ -213,11 +228,6 @@ def _words(label: str) -> str:
 def _stepped(x: Array, y: Array) -> tuple[Array, Array]:
     """The corners of a line that keeps its value up to the next point."""
     return np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
-
-
-def _short(values: Array) -> NDArray[np.float32]:
-    """In single precision, which is more than a screen shows, and half as long."""
-    return np.asarray(values, dtype=np.float32)
 
 
 def _colour(value: Any) -> str:
