@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fopi_tune.core.controller import FoPi
+from fopi_tune.core.parallel_form import Sections
 from fopi_tune.report.documents import ResultDocuments
 from fopi_tune.report.figures.picture import (
     BLACK,
@@ -22,9 +24,10 @@ from fopi_tune.report.figures.picture import (
     legend_below,
     log_axes,
     plain_text,
+    svg_of,
 )
 from fopi_tune.report.text.formatting import number
-from fopi_tune.spec.model import SystemSpec
+from fopi_tune.spec.model import DigitalSpec, SystemSpec
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,46 +37,11 @@ if TYPE_CHECKING:
     from fopi_tune.results.simulation import ScenarioResult, Simulated
     from fopi_tune.results.system import SimulatedSystem
 
-_POINTS = 500
-#: blue and orange of the Okabe-Ito palette; the dashes differ too
-_IDEAL, _DIGITAL = "#0072b2", "#d55e00"
-
 
 def controller_bode_svg(result: Discretized) -> str:
     """Gain and phase of the ideal controller and of the digital one, up to Nyquist's frequency, and their distance."""
-    # loaded here: plotting costs half a second
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
     controller = result.controller
-    gains, sections, digital = controller.gains, controller.sections, controller.digital
-    nyquist = np.pi / digital.sample_time_s
-    omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _POINTS)
-    ideal = gains(1j * omega)
-    filtered = sections.response(omega, gains.measurement_filter)
-    with matplotlib.rc_context({"svg.hashsalt": "fopi-tune", "font.size": 9.0, "svg.fonttype": "none"}):
-        figure = Figure(figsize=(6.4, 6.0), layout="constrained")
-        canvas = FigureCanvasSVG(figure)
-        gain, phase, error = figure.subplots(3, 1, sharex=True)
-        gain.semilogx(omega, _decibel(ideal), color=_IDEAL, label="ideal")
-        gain.semilogx(omega, _decibel(filtered), "--", color=_DIGITAL, label="digital")
-        phase.semilogx(omega, _phase_deg(ideal), color=_IDEAL)
-        phase.semilogx(omega, _phase_deg(filtered), "--", color=_DIGITAL)
-        error.loglog(omega, np.maximum(np.abs(filtered / ideal - 1.0), 1e-9), color="black")
-        gain.set_ylabel("|C|, dB")
-        phase.set_ylabel("arg C, deg")
-        error.set_ylabel("|C digital/C ideal - 1|")
-        error.set_xlabel("ω, rad/s")
-        gain.legend(loc="upper right")
-        for axes in (gain, phase, error):
-            axes.grid(True, which="both", linewidth=0.3)
-            axes.axvline(nyquist, color="grey", linewidth=0.8)
-        title = f"{result.spec.name}: controller, ideal and at {digital.sample_time_s:g} s"
-        gain.set_title(plain_text(title))
-        buffer = io.StringIO()
-        canvas.print_svg(buffer, metadata={"Date": None, "Title": title, "Creator": "fopi-tune"})
-    return buffer.getvalue()
+    return svg_of(_controller_picture(result.spec.name, controller.gains, controller.sections, controller.digital))
 
 
 def simulation_svg(result: Simulated | SimulatedSystem, driven: ScenarioResult) -> str:
@@ -91,9 +59,9 @@ def simulation_svg(result: Simulated | SimulatedSystem, driven: ScenarioResult) 
         canvas = FigureCanvasSVG(figure)
         output, rate, control = figure.subplots(3, 1, sharex=True)
         output.step(t.time_s, driven.reference, "--", where="post", color="grey", label="setpoint")
-        output.plot(t.time_s, t.output[0], color=_IDEAL, label="output")
-        rate.plot(t.time_s, t.rate[0], color=_IDEAL)
-        control.step(t.time_s, t.applied[0], where="post", color=_DIGITAL)
+        output.plot(t.time_s, t.output[0], color=BLUE, label="output")
+        rate.plot(t.time_s, t.rate[0], color=BLUE)
+        control.step(t.time_s, t.applied[0], where="post", color=ORANGE)
         if isinstance(result.spec, SystemSpec):
             shade_second_mode((output, rate, control), t.time_s, t.mode[0], result.spec.modes[1].name)
         for axes, label in ((output, "output"), (rate, "output's rate, 1/s"), (control, "control")):
@@ -118,27 +86,23 @@ def shade_second_mode(every: Sequence[Axes], time_s: np.ndarray, mode: np.ndarra
             )
 
 
-def _decibel(values: np.ndarray) -> np.ndarray:
-    return 20.0 * np.log10(np.maximum(np.abs(values), 1e-300))
-
-
-def _phase_deg(values: np.ndarray) -> np.ndarray:
-    return np.degrees(np.unwrap(np.angle(values)))
-
-
 _REPORT_POINTS = 240
 _SMALLEST_ERROR = 1e-9
 
 
 def digital_picture(documents: ResultDocuments) -> Picture | None:
-    """Gain and phase of the ideal and the digital controller, and their distance; None without a digital controller."""
+    """The same of a result's documents; None without a digital controller."""
     gains, implementation, digital = documents.gains, documents.digital_implementation, documents.spec.digital
     if gains is None or implementation is None or digital is None:
         return None
-    nyquist = implementation.nyquist_rad_s
+    return _controller_picture(documents.spec.name, gains, implementation.sections, digital)
+
+
+def _controller_picture(name: str, gains: FoPi, sections: Sections, digital: DigitalSpec) -> Picture:
+    nyquist = np.pi / digital.sample_time_s
     omega = np.geomspace(min(digital.band_rad_s[0], nyquist / 100.0), nyquist, _REPORT_POINTS)
     ideal = gains(1j * omega)
-    filtered = implementation.sections.response(np.asarray(omega, dtype=float), gains.measurement_filter)
+    filtered = sections.response(np.asarray(omega, dtype=float), gains.measurement_filter)
     error = np.maximum(np.abs(filtered / ideal - 1.0), _SMALLEST_ERROR)
 
     def draw(figure: Figure) -> None:
@@ -156,7 +120,7 @@ def digital_picture(documents: ResultDocuments) -> Picture | None:
         legend_below(figure, gain)
 
     below = error[omega <= 0.3 * nyquist]
-    title = f"{documents.spec.name}: controller, ideal and digital at {number(digital.sample_time_s)} s"
+    title = f"{name}: controller, ideal and digital at {number(digital.sample_time_s)} s"
     said = (
         "Gain and phase of the ideal controller and of the digital one up to Nyquist's frequency, "
         f"{number(nyquist)} rad/s, and the relative error: at most {number(100.0 * float(below.max()), 3)} % in the "
