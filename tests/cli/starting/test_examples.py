@@ -5,26 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from cases.commands import fopi
 from cases.project import ROOT
-from typer.testing import CliRunner, Result
 
-from fopi_tune.cli import app
 from fopi_tune.cli.starting.examples import Example, examples, files_of_example
 from fopi_tune.spec import load_any
 from fopi_tune.spec.model import SystemSpec
 from fopi_tune.study.load import load_study
 
+pytestmark = pytest.mark.usefixtures("folder")
 NAMES = sorted(examples())
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def fopi(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
 
 
 def written(folder: Path) -> dict[str, bytes]:
