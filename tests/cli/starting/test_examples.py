@@ -75,9 +75,10 @@ def test_without_a_known_name_every_example_is_listed_in_a_line() -> None:
     assert sorted(line.split()[0] for line in listed.stdout.splitlines()) == NAMES
     unknown = fopi("init", "--example", "brakes")
     assert (unknown.exit_code, unknown.stdout) == (2, "")
-    first, *others = unknown.stderr.splitlines()
-    assert "no example 'brakes'" in first
+    *others, last = unknown.stderr.splitlines()
+    assert last == "there is no example 'brakes'; did you mean brake?"
     assert others == listed.stdout.splitlines()
+    assert fopi("init", "--example", "").stderr.splitlines()[-1].endswith("give one of the names above")
 
 
 def test_a_file_that_differs_is_not_overwritten_without_force(folder: Path) -> None:
