@@ -44,6 +44,13 @@ def plain_figures() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The current folder, which is empty."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """The marker of `cases/thinned.py`."""
     config.addinivalue_line(

@@ -47,7 +47,7 @@ def test_commands_and_options_in_sentences_exist() -> None:
 def without_lines(spec: DesignSpec) -> DesignSpec:
     requirements = tuple(dataclasses.replace(requirement, line=0) for requirement in spec.requirements)
     return dataclasses.replace(
-        spec, requirements=requirements, sha256="", description="", digital=None, validation=None
+        spec, requirements=requirements, text_sha256="", description="", digital=None, validation=None
     )
 
 

@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from fopi_tune.cli.output import say
-from fopi_tune.core.text_tables.table import counted
+from fopi_tune.core.text_tables.words import counted
 
 if TYPE_CHECKING:
     from fopi_tune.study.ledger import Counts

@@ -10,7 +10,7 @@ import typer
 
 from fopi_tune.cli.output import Exit, bad_input, print_out, print_styled, reason_of, report_failure, say
 from fopi_tune.cli.progress import ProgressStyle, progress_display
-from fopi_tune.core.text_tables.table import counted
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError, FopiError, SpecError
 from fopi_tune.results.saved.writing import to_json, write_file
 

@@ -89,7 +89,7 @@ class Export:
         return cls(
             name=spec.name,
             description=spec.description,
-            spec_sha256=spec.sha256,
+            spec_sha256=spec.text_sha256,
             tool=f"fopi-tune {__version__}",
             controller=controller,
             units=Units(digital.measurement_unit, digital.output_unit),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.text_tables.table import counted
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.models import Signals
 from fopi_tune.identification.recording import Recording

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.text_tables.table import counted
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
 from fopi_tune.identification.models import FitModel, Signals, Structure

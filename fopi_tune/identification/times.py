@@ -3,32 +3,15 @@
 from __future__ import annotations
 
 import re
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.text_tables.words import TimeUnit
 
 _DAY_S = 86_400.0
 _UNIT_AT_END = re.compile(r"(?:^|[_(\[/,\s])([a-zµμ]+)[)\]]?$")
-
-
-class TimeUnit(Enum):
-    """Units of times in a recording."""
-
-    SECONDS = "s"
-    MILLISECONDS = "ms"
-    MICROSECONDS = "us"
-    NANOSECONDS = "ns"
-    MINUTES = "min"
-    HOURS = "h"
-    DAYS = "d"
-
-    @property
-    def in_s(self) -> float:
-        """The unit, in s."""
-        return {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": _DAY_S}[self.value]
 
 
 _UNITS = {

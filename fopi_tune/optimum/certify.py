@@ -245,7 +245,7 @@ class _Run:
         conditions: Conditions = conditions_of(self.spec, None)
         return Optimum(
             name=self.spec.name,
-            spec_sha256=self.spec.sha256,
+            spec_sha256=self.spec.text_sha256,
             status=status,
             gains=self.gains,
             objective=objective,

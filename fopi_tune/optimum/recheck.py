@@ -102,7 +102,7 @@ def _inconsistencies(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
     searched = s.status is not OptimumStatus.NO_BOUND
     gap = None if s.objective is None or s.bound is None else relative_gap(kind_of(spec), s.objective, s.bound)
     wrong = {
-        "the file is about another spec": (s.name, s.spec_sha256) != (spec.name, spec.sha256),
+        "the file is about another spec": (s.name, s.spec_sha256) != (spec.name, spec.text_sha256),
         "what is said to be left out of the proof is not what is": s.left_out != conditions_of(spec, None).left_out,
         "the bound that is stated is not the one that is shown": s.bound != (s.proof.beat if s.proof else None),
         "the gap that is stated is not that of the bound and the objective": s.gap != gap,

@@ -70,7 +70,7 @@ def assemble_design(
         proof_wanted=proof,
         clash=clash,
         message=message,
-        stamp=stamp(spec.sha256, CONVEX_STEPS if spec.designs_scenarios else solver.value, digests_of(spec)),
+        stamp=stamp(spec.text_sha256, CONVEX_STEPS if spec.designs_scenarios else solver.value, digests_of(spec)),
         solves=candidate.solves,
         steady_state_error=_steady_state_error(spec, candidate.gains, found),
         gap=candidate.gap if status is Status.SOLVED else None,

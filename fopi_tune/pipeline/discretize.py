@@ -49,7 +49,7 @@ def discretized(spec: DesignSpec, gains: FoPi, proof: bool, found: Verification 
         found = verify(spec, gains, implementation=implementation)
     proved = proof and not spec.is_measured
     certificate = certify(spec, found, certificate_versions(), implementation) if proved else None
-    return Discretized(spec, controller, found, certificate, stamp(spec.sha256, None, digests_of(spec)))
+    return Discretized(spec, controller, found, certificate, stamp(spec.text_sha256, None, digests_of(spec)))
 
 
 def discretize_system(source: SystemSource, gains: Mapping[str, FoPi] | None = None) -> DiscretizedSystem:

@@ -51,7 +51,7 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
     implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)
     certificate = None if spec.is_measured else certify(spec, found, certificate_versions(), implementation)
-    return Check(spec, found, certificate, stamp(spec.sha256, None, digests_of(spec)))
+    return Check(spec, found, certificate, stamp(spec.text_sha256, None, digests_of(spec)))
 
 
 def recheck(document: object, source: Source | None = None) -> Recheck:
@@ -91,13 +91,13 @@ def with_digest_of(spec: DesignSpec, document: object) -> DesignSpec:
     derived from it again; the digest of the text would refuse it for a comment or a scenario that was added since.
     """
     stated = _stated_digest(document)
-    return spec if stated is None else replace(spec, sha256=stated)
+    return spec if stated is None else replace(spec, text_sha256=stated)
 
 
 def other_text(spec: DesignSpec, document: object) -> tuple[str, ...]:
     """A note when a certificate was made of another text of the spec than this one."""
     stated = _stated_digest(document)
-    if stated is None or stated == spec.sha256:
+    if stated is None or stated == spec.text_sha256:
         return ()
     return (
         "it was made of another text of this spec (`spec_sha256`); what it is about was compared with this text entry "

@@ -104,7 +104,7 @@ def simulate(
         spec.plant.describe(point),
         replay,
         results,
-        stamp(spec.sha256, None, digests_of(spec)),
+        stamp(spec.text_sha256, None, digests_of(spec)),
         exact=exact,
         left_out=f"the computing delay of {delay:g} s" if exact and delay else "",
         notes=tuple(notes),

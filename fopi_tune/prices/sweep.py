@@ -66,7 +66,7 @@ def sweep(
     probes = _swept(prober, limits)
     if movable.tightens:
         probes = monotone(prober, probes, lasts[0])
-    stamped = stamp(spec.sha256, _SOLVER)
+    stamped = stamp(spec.text_sha256, _SOLVER)
     points = tuple(prober.point(probe) for probe in probes)
     return Tradeoff(movable, spec, prober.point(prober.base), points, ends, objective_quantity, stamped)
 

@@ -113,7 +113,9 @@ def certify(
     if implementation is not None and spec.scenario_requirements:
         scenarios = prove_scenarios(spec, implementation, found.tolerance)
     limited = prove_with_limits(spec, implementation)
-    made = Certificate(spec.name, spec.sha256, case, found.tolerance, stability, proofs, versions, scenarios, limited)
+    made = Certificate(
+        spec.name, spec.text_sha256, case, found.tolerance, stability, proofs, versions, scenarios, limited
+    )
     _log.info("%s: proof: %s, %d boxes", spec.name, made.verdict.value, made.boxes)
     return made
 

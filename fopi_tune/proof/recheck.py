@@ -166,7 +166,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
     """Differences between the certificate's plant and requirements and the spec's."""
     problems = []
     case = certificate.case
-    if (certificate.name, certificate.spec_sha256) != (spec.name, spec.sha256):
+    if (certificate.name, certificate.spec_sha256) != (spec.name, spec.text_sha256):
         problems.append("the name or the digest of the spec's file is another")
     if not same_plants(case.family, spec.plant):
         problems.append(_OTHER_PLANTS)

@@ -122,7 +122,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
         limits=tuple(each.limit for each in values.get("limits") or ()),
         scenario_requirements=tuple(each.limit for each in measured),
         description=values.get("description", ""),
-        sha256=sha256_with_data(sha256, values["plant"]),
+        text_sha256=sha256_with_data(sha256, values["plant"]),
         schema=values["schema"],
     )
 

@@ -46,7 +46,9 @@ def load_spec(source: Source) -> DesignSpec:
     """
     if isinstance(source, DesignSpec):
         content = content_digest(source)
-        return source if content == source.content_sha256 else replace(source, sha256=content, content_sha256=content)
+        if content == source.content_sha256:
+            return source
+        return replace(source, text_sha256=content, content_sha256=content)
     collector, data = _text_of(source)
     with _of_python(source):
         return _parse(data, collector, folder_reader(_place_of(source)))

@@ -200,7 +200,7 @@ class DesignSpec:
         limits: what simulations are judged by, beside the requirements on their measures.
         scenario_requirements: on measures of scenarios, for the whole family; the gains are designed for them.
         description: for people.
-        sha256: of the file's bytes, or of the text it was made from.
+        text_sha256: of the file's bytes, or of the text it was made from; "" without one.
         schema: version of the language.
         source: those bytes.
         content_sha256: of what those bytes say, by which a spec that was changed afterwards is told; empty for a spec
@@ -221,7 +221,7 @@ class DesignSpec:
     scenarios: tuple[ScenarioSpec, ...] = ()
     limits: tuple[Limit, ...] = ()
     description: str = ""
-    sha256: str = ""
+    text_sha256: str = ""
     schema: int = 1
     source: bytes = field(default=b"", compare=False, repr=False)
     content_sha256: str = field(default="", compare=False, repr=False)
@@ -244,6 +244,17 @@ class DesignSpec:
             DomainError: what was changed has no words here, such as a measured plant; says which section.
         """
         return self.source.decode() if self.is_as_read else text_of_changed(self, self.as_read)
+
+    @property
+    def sha256(self) -> str:
+        """The hash of the text that this spec was read from; of one that says something else, of what it says."""
+        if self.is_as_read:
+            return self.text_sha256
+        # loaded here: digests are of what this module defines
+        from fopi_tune.spec.digests import content_digest
+
+        content = content_digest(self)
+        return self.text_sha256 if content == self.content_sha256 else content
 
     @property
     def is_measured(self) -> bool:

@@ -285,7 +285,7 @@ def _check_same_timing(raising: ModeSpec, lowering: ModeSpec, values: Values, pl
 
 def _digest(sha256: str, *modes: ModeSpec) -> str:
     """SHA-256 of the system file and its specs."""
-    return hashlib.sha256("\n".join([sha256, *(mode.spec.sha256 for mode in modes)]).encode()).hexdigest()
+    return hashlib.sha256("\n".join([sha256, *(mode.spec.text_sha256 for mode in modes)]).encode()).hexdigest()
 
 
 def system_json_schema() -> dict[str, Any]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
-from fopi_tune.core.text_tables.table import counted
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.spec.model import Sense
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values

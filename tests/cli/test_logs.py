@@ -6,17 +6,13 @@ import logging
 from pathlib import Path
 
 import pytest
+from cases.commands import fopi
 from cases.project import ROOT
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 import fopi_tune
-from fopi_tune.cli import app
 
 BRAKE = str(ROOT / "specs" / "brake.yaml")
-
-
-def fopi(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
 
 
 def logged(result: Result) -> list[str]:

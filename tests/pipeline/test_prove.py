@@ -53,12 +53,15 @@ def test_the_loop_on_samples_belongs_to_its_certificate() -> None:
 def test_a_spec_changed_in_python_has_a_hash_of_its_own() -> None:
     read = parse_spec(TEXT)
     changed = replace(read, requirements=(Requirement("phase_margin_deg", Relation.AT_LEAST, (40.0,)),))
+    # at once, and not when it is first used
+    assert changed.sha256 not in ("", read.sha256)
+    assert replace(read).sha256 == replace(changed, requirements=read.requirements).sha256 == read.sha256
     checks = [ft.prove(spec, GAINS) for spec in (read, changed, replace(read))]
     first, second, third = (check.certificate.spec_sha256 for check in checks)
     assert first == third == read.sha256
-    assert second != first
+    assert second == changed.sha256 != first
     assert checks[1].stamp.spec_sha256 == second
     assert load_spec(load_spec(changed)).sha256 == second
     # one that was made in Python
-    bare = replace(read, sha256="", content_sha256="", source=b"")
+    bare = replace(read, text_sha256="", content_sha256="", source=b"")
     assert len(ft.prove(bare, GAINS).certificate.spec_sha256) == 64

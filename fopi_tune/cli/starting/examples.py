@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fopi_tune.cli.output import Exit, bad_input, print_out, reason_of, say
 from fopi_tune.results.saved.writing import write_file
-
-if TYPE_CHECKING:
-    import typer
 
 #: folder of the examples -> the command that is tried first with what is in it
 _COMMANDS = {"specs": "run", "systems": "simulate", "studies": "study"}
@@ -93,9 +90,16 @@ def write_example(name: str, force: bool) -> None:
     Raises:
         typer.Exit: there is no such example, a file is in the way or cannot be written.
     """
+    from fopi_tune.spec.yaml.hints import closest
+    from fopi_tune.spec.yaml.problems import quoted
+
     known = examples()
     if name not in known:
-        raise bad_input_of_many(f"there is no example {name!r}; the names are:", _lines())
+        for line in _lines().splitlines():
+            say(line)
+        meant = closest(name, known)
+        advice = f"did you mean {meant}?" if meant else "give one of the names above"
+        raise bad_input(f"there is no example {quoted(name)}; {advice}")
     example = known[name]
     wanted = files_of_example(example)
     for path, content in wanted.items():
@@ -105,17 +109,9 @@ def write_example(name: str, force: bool) -> None:
         try:
             write_file(Path(path), content)
         except OSError as error:
-            raise bad_input(f"cannot write {path} ({reason_of(error)}); go to a folder that you may write to") from None
+            raise bad_input(f"cannot write {path} ({reason_of(error)}); go to another folder") from None
         say(f"wrote {path}")
     say(f"next: {example.command}")
-
-
-def bad_input_of_many(message: str, lines: str) -> typer.Exit:
-    """As `bad_input`, with lines below the message."""
-    exit_of_message = bad_input(message)
-    for line in lines.splitlines():
-        say(line)
-    return exit_of_message
 
 
 def _lines() -> str:

@@ -15,6 +15,7 @@ import typer
 
 from fopi_tune.cli.gains import number_option
 from fopi_tune.cli.output import bad_input, reason_of, say
+from fopi_tune.core.text_tables.words import TimeUnit
 from fopi_tune.errors import DomainError
 from fopi_tune.results.saved.writing import to_json, write_file
 
@@ -51,18 +52,6 @@ class Fitted(Enum):
     SECOND_ORDER = "second_order"
     INTEGRATOR = "integrator"
     AUTO = "auto"
-
-
-class Unit(Enum):
-    """The words of `--time-unit`; a test compares them with the units that are known."""
-
-    SECONDS = "s"
-    MILLISECONDS = "ms"
-    MICROSECONDS = "us"
-    NANOSECONDS = "ns"
-    MINUTES = "min"
-    HOURS = "h"
-    DAYS = "d"
 
 
 NameArgument = Annotated[
@@ -108,7 +97,7 @@ SampleTimeOption = Annotated[
     number_option("--sample-time", metavar="TIME", help="Time from each line to the next, for files without times."),
 ]
 UnitOption = Annotated[
-    Unit | None,
+    TimeUnit | None,
     typer.Option("--time-unit", help="Unit of the times and of these options; the header's or s when left out."),
 ]
 FromOption = Annotated[
@@ -137,16 +126,15 @@ class RecordingOptions:
     input: str | None = None
     output: str | None = None
     sample_time: float | None = None
-    time_unit: Unit | None = None
+    time_unit: TimeUnit | None = None
     start: float | None = None
     end: float | None = None
 
     def to_read(self) -> ReadOptions:
         """The same for `parse_recording`."""
-        from fopi_tune.identification import ReadOptions, TimeUnit
+        from fopi_tune.identification import ReadOptions
 
-        unit = None if self.time_unit is None else TimeUnit(self.time_unit.value)
-        return ReadOptions(self.time, self.input, self.output, self.sample_time, unit, self.start, self.end)
+        return ReadOptions(self.time, self.input, self.output, self.sample_time, self.time_unit, self.start, self.end)
 
     def to_fit(self) -> FitModel:
         """The model to fit."""

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 
 #: of a file of measurements
@@ -200,11 +201,6 @@ def is_missing(field: str) -> bool:
 def quoted(text: str) -> str:
     """A line or a field, short, for a message."""
     return repr(text) if len(text) <= _MOST_QUOTED else f"{text[:_MOST_QUOTED]!r}…"
-
-
-def counted(number: int, word: str) -> str:
-    """`1 sample`, `2 samples`."""
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
 # -- rows and names ----------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from rich.text import Text
 
-from fopi_tune.core.text_tables.table import counted
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.spec.model import Sense
 from fopi_tune.study import StudyResult
 from fopi_tune.study.model import Value

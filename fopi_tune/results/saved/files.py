@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -13,14 +14,9 @@ from fopi_tune.spec.model import DesignSpec
 
 def spec_file(spec: DesignSpec) -> Iterator[tuple[str, str | bytes]]:
     """The file of a spec; none of one that was made in Python and has no words."""
-    if spec.is_as_read:
-        yield SPEC, spec.source
-        return
-    try:
+    # results of a spec without words are kept all the same; where they are read again the spec is asked for
+    with contextlib.suppress(DomainError):
         yield SPEC, spec.to_yaml()
-    except DomainError:
-        # results are kept all the same; where they are read again the spec is asked for
-        return
 
 
 def json_file(name: str, document: Mapping[str, Any] | None) -> Iterator[tuple[str, str]]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import secrets
 from pathlib import Path
+
+from fopi_tune.errors import DomainError
 
 
 def to_json(document: object) -> str:
@@ -27,7 +30,10 @@ def write_file(path: Path, content: str | bytes) -> None:
     Raises:
         OSError: not writable; an existing file is unchanged.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path.parent)) from None
     data = content.encode("utf-8") if isinstance(content, str) else content
     # a random name: in a container the process id is the same in every run, and a killed run may have left its file
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
@@ -41,3 +47,14 @@ def write_file(path: Path, content: str | bytes) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink()
         raise
+
+
+def folder_of(given: object) -> Path:
+    """The folder of results that somebody gives.
+
+    Raises:
+        DomainError: it is no path.
+    """
+    if not isinstance(given, str | os.PathLike) or "\0" in os.fsdecode(given):
+        raise DomainError(f"{given!r} is no folder of results; give its path")
+    return Path(os.fsdecode(given))

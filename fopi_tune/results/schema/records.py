@@ -12,7 +12,7 @@ import types
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 #: marks a dataclass some of whose numbers are not finite, and null in JSON
 FINITE = "null where not finite"
@@ -120,7 +120,7 @@ class _Schemas:
 
 def _required(hint: Any) -> Any:
     """A key's type without the word that it may be left out."""
-    return get_args(hint)[0] if str(get_origin(hint)).endswith("NotRequired") else hint
+    return get_args(hint)[0] if get_origin(hint) is NotRequired else hint
 
 
 def _any_of(choices: list[dict[str, Any]]) -> dict[str, Any]:

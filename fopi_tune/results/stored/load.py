@@ -16,7 +16,7 @@ from fopi_tune.core.controller import FoPi, controller_of
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.proof.certificate import Certificate
 from fopi_tune.proof.documents import from_document
-from fopi_tune.results.saved.files import json_file
+from fopi_tune.results.saved.files import json_file, spec_file
 from fopi_tune.results.saved.names import (
     CERTIFICATE,
     CHECK,
@@ -28,6 +28,7 @@ from fopi_tune.results.saved.names import (
     SYSTEM_CERTIFICATE,
     SYSTEM_PROOF,
 )
+from fopi_tune.results.saved.writing import folder_of
 from fopi_tune.results.schema.check import first_problem
 from fopi_tune.results.schema.kinds import RESULT_KINDS, result_schema
 from fopi_tune.results.views.curves import LoopCurves
@@ -111,7 +112,7 @@ class StoredLoop(Stored, LoopCurves):
 
     def data_files(self) -> Iterator[tuple[str, str | bytes]]:
         """As those of `Stored`, after the spec."""
-        yield SPEC, self.spec.to_yaml()
+        yield from spec_file(self.spec)
         yield from super().data_files()
 
 
@@ -131,7 +132,7 @@ def load(folder: str | os.PathLike[str], kind: str | None = None, spec: Source |
         DomainError: there is no such result, it is damaged, or the spec is of another result; says which file.
         SpecError: the spec that is given cannot be read.
     """
-    path = Path(folder)
+    path = folder_of(folder)
     files = _files_there(path)
     if kind is None:
         kind = _only_kind(path, files)
@@ -143,7 +144,10 @@ def load(folder: str | os.PathLike[str], kind: str | None = None, spec: Source |
     known = _spec_of(path, document, spec)
     if known is None:
         return Stored(kind, document, beside, name)
-    gains = None if document["gains"] is None else controller_of(document["gains"])
+    try:
+        gains = None if document["gains"] is None else controller_of(document["gains"])
+    except DomainError as error:
+        raise DomainError(f"{path / name}: {error}; {_AGAIN}") from None
     return StoredLoop(kind, document, beside, name, spec=known, gains=gains)
 
 
@@ -172,10 +176,10 @@ def _is_of_kind(path: Path, kind: str) -> bool:
 
 
 def _only_kind(folder: Path, files: Mapping[str, str]) -> str:
-    if "run" in files and _is_one_run(folder):
-        return "run"
-    if "design" in files or len(files) == 1:
-        return "design" if "design" in files else next(iter(files))
+    if "design" in files:
+        return "run" if "run" in files and _is_one_run(folder) else "design"
+    if len(files) == 1:
+        return next(iter(files))
     if not files:
         raise DomainError(f"there is no result in {folder}; give the folder that a result was saved to")
     raise DomainError(f"there are {len(files)} results in {folder}; say which with kind=: {', '.join(sorted(files))}")

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fopi_tune.errors import DomainError
-from fopi_tune.results.saved.writing import write_file
+from fopi_tune.results.saved.writing import folder_of, write_file
 from fopi_tune.results.views.tables import Row, html_table, rows_of
 
 if TYPE_CHECKING:
@@ -46,9 +46,9 @@ class Saved(ABC):
             The folder.
 
         Raises:
-            DomainError: the folder cannot be written to, or a controller cannot be exported as code.
+            DomainError: it is no folder, cannot be written to, or a controller cannot be exported as code.
         """
-        path = Path(folder)
+        path = folder_of(folder)
         for name, content in list(self.data_files()):
             try:
                 write_file(path / name, content)

@@ -5,26 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from cases.commands import fopi
 from cases.project import ROOT
-from typer.testing import CliRunner, Result
 
-from fopi_tune.cli import app
 from fopi_tune.cli.starting.examples import Example, examples, files_of_example
 from fopi_tune.spec import load_any
 from fopi_tune.spec.model import SystemSpec
 from fopi_tune.study.load import load_study
 
+pytestmark = pytest.mark.usefixtures("folder")
 NAMES = sorted(examples())
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def fopi(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
 
 
 def written(folder: Path) -> dict[str, bytes]:
@@ -85,9 +75,10 @@ def test_without_a_known_name_every_example_is_listed_in_a_line() -> None:
     assert sorted(line.split()[0] for line in listed.stdout.splitlines()) == NAMES
     unknown = fopi("init", "--example", "brakes")
     assert (unknown.exit_code, unknown.stdout) == (2, "")
-    first, *others = unknown.stderr.splitlines()
-    assert "no example 'brakes'" in first
+    *others, last = unknown.stderr.splitlines()
+    assert last == "there is no example 'brakes'; did you mean brake?"
     assert others == listed.stdout.splitlines()
+    assert fopi("init", "--example", "").stderr.splitlines()[-1].endswith("give one of the names above")
 
 
 def test_a_file_that_differs_is_not_overwritten_without_force(folder: Path) -> None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
+from cases.commands import fopi
 from cases.project import ROOT
-from typer.testing import CliRunner
 
-from fopi_tune.cli import app
 from fopi_tune.cli.starting.examples import examples
 
-pytestmark = pytest.mark.usefixtures("plain_figures")
+pytestmark = pytest.mark.usefixtures("plain_figures", "folder")
 
 #: of a kind of example, the commands it is meant for
 COMMANDS = {"run": ("run", "simulate"), "simulate": ("simulate", "validate"), "study": ("study",)}
@@ -42,12 +40,11 @@ def test_the_first_comments_are_understood() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", list(examples()))
-def test_an_example_ends_with_0_or_as_it_says(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_an_example_ends_with_0_or_as_it_says(name: str) -> None:
     example = examples()[name]
-    assert CliRunner().invoke(app, ["init", "--example", name]).exit_code == 0
+    assert fopi("init", "--example", name).exit_code == 0
     codes = stated(example.path)
     kind = example.command.split()[1]
     for command in dict.fromkeys([*COMMANDS[kind], *codes]):
-        result = CliRunner().invoke(app, [command, example.path, "-q", *_MORE.get(command, ())])
+        result = fopi(command, example.path, "-q", *_MORE.get(command, ()))
         assert result.exit_code == codes.get(command, 0), f"fopi {command} {example.path}: {result.output[-800:]}"

@@ -12,15 +12,14 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from cases.commands import fopi
 from cases.field_recordings import FIELD_FILES, integrator, levels, second_order, simulated
 from ruamel.yaml import YAML
-from typer.testing import CliRunner, Result
 
-from fopi_tune.cli import app
-from fopi_tune.cli.starting.init import Fitted, Model, Unit
+from fopi_tune.cli.starting.init import Fitted, Model
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PLANT_MODELS, Plant, PlantFamily, Uncertain
-from fopi_tune.identification import FitModel, TimeUnit
+from fopi_tune.identification import FitModel
 from fopi_tune.pipeline.tune import tune
 from fopi_tune.results.status import Status
 from fopi_tune.simulation.fractional.linear import Signal, exact_response
@@ -30,17 +29,7 @@ from fopi_tune.spec.templates.fitted import sections_for_fitted
 from fopi_tune.spec.templates.sections import SECTIONS_BY_MODEL
 from fopi_tune.spec.templates.template import template
 
-pytestmark = pytest.mark.usefixtures("plain_figures")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def fopi(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
+pytestmark = pytest.mark.usefixtures("plain_figures", "folder")
 
 
 def recorded(
@@ -229,7 +218,6 @@ def test_what_cannot_be_used_ends_with_2_and_writes_nothing(arguments: tuple[str
 
 def test_the_words_of_the_command_are_those_that_can_be_fitted_and_read() -> None:
     assert {each.value for each in Fitted} == {each.value for each in FitModel}
-    assert {each.value for each in Unit} == {each.value for each in TimeUnit}
 
 
 @pytest.mark.thinned(2)

@@ -6,21 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from cases.commands import fopi
 
-from fopi_tune.cli import app
-
-pytestmark = pytest.mark.usefixtures("plain_figures")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def fopi(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
+pytestmark = pytest.mark.usefixtures("plain_figures", "folder")
 
 
 def printed_steps() -> list[list[str]]:

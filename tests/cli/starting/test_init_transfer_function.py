@@ -9,11 +9,10 @@ from typing import Any
 
 import jsonschema
 import pytest
+from cases.commands import fopi
 from cases.random_written import random_written
 from ruamel.yaml import YAML
-from typer.testing import CliRunner, Result
 
-from fopi_tune.cli import app
 from fopi_tune.pipeline.run import run
 from fopi_tune.pipeline.simulate import simulate
 from fopi_tune.pipeline.tune import tune
@@ -21,17 +20,7 @@ from fopi_tune.results.status import Status
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.language import json_schema
 
-pytestmark = pytest.mark.usefixtures("plain_figures")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def fopi(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments))
+pytestmark = pytest.mark.usefixtures("plain_figures", "folder")
 
 
 @pytest.mark.parametrize(
