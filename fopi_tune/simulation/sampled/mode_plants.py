@@ -147,7 +147,7 @@ def _converted(shared: Array, transition: Array, weight: Array) -> tuple[Array, 
 
     By Cayley and Hamilton their matrix is the companion's with both axes reversed, whatever c is.
     """
-    return transition[..., ::-1, ::-1], np.einsum("mij,...mj->...mi", shared, weight)
+    return transition[..., ::-1, ::-1], (shared @ weight[..., None])[..., 0]
 
 
 def _segments(
