@@ -210,6 +210,8 @@ def _problem(spec: DesignSpec) -> str | None:
     if len(denominator) < 2:
         return "a mode's plant is of first order or higher: its output must not jump; write a lag with a short time"
     if len(numerator) == len(denominator):
+        if numerator[0] == 0.0:
+            return "its numerator begins with 0, in place of the direct path that a mode has not; leave it out"
         return (
             "a mode's plant has fewer zeros than poles: as many make the output jump with the control, also at a "
             "change of the mode; add the short lag of its actuator or sensor to the denominator"
