@@ -74,6 +74,26 @@ def brake(begin: int, end: int) -> Plants:
     return Plants(np.ones((len(part), 1)), np.stack([1.6 + 1.5 * part, np.ones_like(part)], axis=1), 0.0 * part)
 
 
+def behind_a_lag(plants: Callable[[int, int], Plants]) -> Callable[[int, int], Plants]:
+    """The same plants behind a lag of 0.3 s, of second order."""
+
+    def lagged(begin: int, end: int) -> Plants:
+        of = plants(begin, end)
+        slow, one = of.denominator.T
+        return Plants(of.numerator, np.stack([0.3 * slow, slow + 0.3 * one, one], axis=1), of.dead_time_s)
+
+    return lagged
+
+
+def behind_a_dead_time(plants: Callable[[int, int], Plants], dead_time_s: float) -> Callable[[int, int], Plants]:
+    """The same plants with a dead time."""
+
+    def late(begin: int, end: int) -> Plants:
+        return dataclasses.replace(plants(begin, end), dead_time_s=np.full(end - begin, dead_time_s))
+
+    return late
+
+
 def profile() -> Array:
     """Three levels of velocity, km/h."""
     k = np.arange(STEPS)
@@ -198,6 +218,8 @@ def main() -> None:
     count = parser.parse_args().plants
     pair = controllers()
     modes = (Mode(pair[0], throttle), Mode(pair[1], brake))
+    late = (Mode(pair[0], behind_a_dead_time(throttle, 0.5)), Mode(pair[1], behind_a_dead_time(brake, 0.31)))
+    second = (Mode(pair[0], behind_a_lag(throttle)), Mode(pair[1], behind_a_lag(brake)))
     signals = Signals(profile())
     plain = Scenario(TS, signals, start=Start(START), hybrid=Hybrid(EPS))
     noisy = dataclasses.replace(plain, sensor=Sensor(0.0, 0.05, 1))
@@ -221,6 +243,9 @@ def main() -> None:
         ("throttle and brake, delay 1.4 samples, rate limit", dataclasses.replace(plain, actuator=delay), modes),
         ("throttle and brake, noise", noisy, modes),
         ("throttle and brake, noise, delay, rate limit", dataclasses.replace(noisy, actuator=delay), modes),
+        ("throttle and brake, dead times 0.5 s and 0.31 s", plain, late),
+        ("of second order", plain, second),
+        ("of second order, delay 1.4 samples", dataclasses.replace(plain, actuator=delay), second),
     ):
         used_before = time.process_time()
         rate = count / seconds(lambda s=scenario, u=used: run(s, u))

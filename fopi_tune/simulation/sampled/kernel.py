@@ -203,19 +203,19 @@ def _sample(
         state = where(load(s, COASTING) > broadcast(0.5), broadcast(-1.0), load(s, MODE))
         for row, value in enumerate((y, rate, measured, broadcast(r) - measured, u, applied, state)):
             store(traces, (row * settings.steps + k) * settings.width + block * WIDTH, value)
-    if settings.segments == 0:
-        plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
-    if settings.segments != 0:
+    if settings.segments:
         after = segment_stages.advance_segments(
             s, c, other, history, modes, block, k, applied, signal, delay, settings, offsets
         )  # fmt: skip
-    elif settings.hybrid:
-        after = plant_stages.advance_hybrid_states(s, c, other, settings, offsets)
     else:
-        after = plant_stages.rate_after(s, settings, offsets, rate)
-        if settings.acts_at_samples == 0:
-            after = plant_stages.rate_on_arrival(s, settings, offsets, after)
-        plant_stages.advance_states(s, settings, offsets)
+        plant_stages.update_inputs(s, history, modes, block, k, applied, signal, delay, settings)
+        if settings.hybrid:
+            after = plant_stages.advance_hybrid_states(s, c, other, settings, offsets)
+        else:
+            after = plant_stages.rate_after(s, settings, offsets, rate)
+            if settings.acts_at_samples == 0:
+                after = plant_stages.rate_on_arrival(s, settings, offsets, after)
+            plant_stages.advance_states(s, settings, offsets)
     if k >= settings.horizon and k < settings.steps - 1:
         controller_stages.store_maximum(s, PEAK_RATE, absolute(after))
     if settings.keep:

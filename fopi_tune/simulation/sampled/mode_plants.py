@@ -117,18 +117,20 @@ def _in_derivatives(plants: DiscretePlants, order: int) -> DiscretePlants:
         transition[:, :, :n, :n], weight[:, :, :n] = _converted(shared, given.transition, given.weight)
         return DelayedInput(given.delay, transition, weight)
 
-    output, rate_state, resting = np.zeros((m, order)), np.zeros((m, order)), np.zeros((m, order))
+    control = stepped(plants.control)
+    load = control if plants.load is plants.control else stepped(plants.load)
+    output, rate_state, resting = np.zeros((3, m, order))
     output[:, 0] = 1.0
-    if np.any(plants.output[:, :-1] != 0.0):
-        rate_state[:, 1] = 1.0 / plants.sample_time_s
+    if n == 1:
+        rate_state[:, :1] = plants.rate_state
     else:
-        # c A = (0, ..., b, 0) for n > 1, and the pole for n = 1
-        rate_state[:, :n] = plants.rate_state[:, ::-1] / plants.output[:, -1:]
+        # z_1' = z_2 + h_1 v
+        rate_state[:, 1] = 1.0 / plants.sample_time_s
     # z_k' = 0 at rest
     resting[:, 1:n] = -shared[:, :-1, 0]
     return replace(
-        plants, control=stepped(plants.control), load=stepped(plants.load), output=output, rate_state=rate_state,
-        equilibrium=resting, arrivals=np.zeros((m, 2, order + 4)), has_derivatives=True,
+        plants, control=control, load=load, output=output, rate_state=rate_state, equilibrium=resting,
+        has_derivatives=True,
     )  # fmt: skip
 
 
@@ -145,7 +147,7 @@ def _converted(shared: Array, transition: Array, weight: Array) -> tuple[Array, 
 
     By Cayley and Hamilton their matrix is the companion's with both axes reversed, whatever c is.
     """
-    return transition[..., ::-1, ::-1], np.einsum("mij,...mj->...mi", shared, weight)
+    return transition[..., ::-1, ::-1], (shared @ weight[..., None])[..., 0]
 
 
 def _segments(

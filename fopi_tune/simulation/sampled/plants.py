@@ -11,6 +11,7 @@ have different delays D.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,9 +65,7 @@ class DiscretePlants:
         rate_input: shape (m,).
         static_gain: P(0), inf where there is an integrator, shape (m,).
         equilibrium: the state that a constant input of 1 holds, shape (m, n); not finite where there is an integrator.
-        arrivals: dy/dt just after the control arrives, and just after the load does, from the sample's start state, the
-            control that arrives, the one before, and the same two of the load; shape (m, 2, n + 4); used where an input
-            arrives between samples.
+        parts: fractions of a sample after which control and load arrive, shape (m,) each.
         system: A of the companion's states, shape (m, n, n), time counted in samples.
         sample_time_s: Ts.
         has_derivatives: whether the states are those that two modes share, by `mode_plants`.
@@ -80,7 +79,7 @@ class DiscretePlants:
     rate_input: Array
     static_gain: Array
     equilibrium: Array
-    arrivals: Array
+    parts: tuple[Array, Array]
     system: Array
     sample_time_s: float
     has_derivatives: bool = False
@@ -102,6 +101,31 @@ class DiscretePlants:
     def rate_step(self) -> Array:
         """Jump of dy/dt at a sample per unit jump of the input; shape (m,)."""
         return np.where(self.acts_at_samples, self.rate_input, 0.0)
+
+    @cached_property
+    def arrivals(self) -> Array:
+        """dy/dt just after the control arrives, and just after the load does; shape (m, 2, n + 4).
+
+        From the sample's start state, the control that arrives, the one before, and the same two of the load; used
+        where an input arrives between samples, of plants that share no states.
+        """
+        (m, n), parts, a = self.output.shape, self.parts, self.system
+        found = np.zeros((m, 2, n + 4))
+        if n == 0 or not any(part.any() for part in parts):
+            return found
+        scale = self.rate_input[:, None] * self.sample_time_s if n == 1 else 1.0
+        for row, instant in enumerate(parts):
+            found[:, row, :n] = np.einsum("mi,mij->mj", self.rate_state, constant_input_step(a, instant)[0])
+            for column, part in zip((n, n + 2), parts, strict=True):
+                # the old input acts until `part`, the new one from there to `instant`
+                late = np.maximum(instant - part, 0.0)
+                transition, new = constant_input_step(a, late)
+                old = np.einsum("mij,mj->mi", transition, constant_input_step(a, np.minimum(instant, part))[1])
+                arrived = instant >= part
+                for place, weight, acts in ((column, new, arrived), (column + 1, old, ~arrived)):
+                    effect = np.einsum("mi,mi->m", self.rate_state, weight * scale)
+                    found[:, row, place] = effect + np.where(acts, self.rate_input, 0.0)
+        return found
 
     def initial_state(self, start: Start) -> tuple[Array, Array]:
         """States, shape (m, n), and the input before the first sample, shape (m,), that give the initial output.
@@ -169,11 +193,7 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
             control, load = _scaled(control, c), _scaled(load, c)
             equilibrium, rate_state, c = equilibrium * c, a[:, 0, :] / sample_time_s, np.ones_like(c)
     parts = _parts(samples, delay_samples)
-    scale = rate_input[:, None] * sample_time_s if n == 1 else np.ones((len(c), 1))
-    arrivals = _arrivals(a, parts, scale, rate_state, rate_input)
-    return DiscretePlants(
-        control, load, c, direct, rate_state, rate_input, gain, equilibrium, arrivals, a, sample_time_s
-    )
+    return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, parts, a, sample_time_s)
 
 
 def _resting(m: int, order: int, output: float) -> Array:
@@ -199,28 +219,6 @@ def _of_one_degree(top: Array, bottom: Array, sample_time_s: float) -> tuple[Arr
             # the first coefficient of these rows is 0
             side[rows] += sample_time_s * np.roll(side[rows], -1, axis=1)
     return top, bottom
-
-
-def _arrivals(
-    a: Array, parts: tuple[Array, Array], scale: Array, rate_state: Array, rate_input: Array
-) -> Array:  # fmt: skip
-    """`DiscretePlants.arrivals`; `parts` has the fractions of a sample after which control and load arrive."""
-    m, n = a.shape[:2]
-    found = np.zeros((m, 2, n + 4))
-    if n == 0 or not any(part.any() for part in parts):
-        return found
-    for row, instant in enumerate(parts):
-        found[:, row, :n] = np.einsum("mi,mij->mj", rate_state, constant_input_step(a, instant)[0])
-        for column, part in zip((n, n + 2), parts, strict=True):
-            # the old input acts until `part`, the new one from there to `instant`
-            late = np.maximum(instant - part, 0.0)
-            transition, new = constant_input_step(a, late)
-            old = np.einsum("mij,mj->mi", transition, constant_input_step(a, np.minimum(instant, part))[1])
-            arrived = instant >= part
-            for place, weight, acts in ((column, new, arrived), (column + 1, old, ~arrived)):
-                effect = np.einsum("mi,mi->m", rate_state, weight * scale)
-                found[:, row, place] = effect + np.where(acts, rate_input, 0.0)
-    return found
 
 
 def _parts(samples: Array, delay_samples: float) -> tuple[Array, Array]:

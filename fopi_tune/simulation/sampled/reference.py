@@ -94,7 +94,7 @@ class _ReferenceLoop:
                 )
         self.applied.append(self.last)
         self.modes.append(self.mode)
-        after = self._rate_after(k, rate)
+        after = self._rate_after(k, rate) if scenario.hybrid is None else 0.0
         arriving = self._advance(k)
         self.x = np.where(np.abs(self.x) < Precision.FLOAT64.flush_below, 0.0, self.x)
         if scenario.hybrid is not None:

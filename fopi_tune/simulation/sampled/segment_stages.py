@@ -70,11 +70,13 @@ def advance_segments(s, c, other, history, modes, block, k, applied, signal, age
 @_inlined
 def _arrive(s, history, modes, block, k, signal, ages, segment, settings):
     """Control, with its mode, and load from the segment's beginning on."""
-    row = 4 * segment * settings.width + block * WIDTH
+    row, now = 4 * segment * settings.width + block * WIDTH, k % settings.ring
     for lane in range(WIDTH):
         for mode in range(2):
-            sent = k - ages[row + mode * settings.width + lane]
-            place = sent % settings.ring * WIDTH + lane
+            age = ages[row + mode * settings.width + lane]
+            sent = k - age
+            place = now - age
+            place = (place if place >= 0 else place + settings.ring) * WIDTH + lane
             if sent >= 0 and sent > s[SENT + lane] and modes[place] == mode:
                 s[CONTROL + lane], s[ARRIVED_MODE + lane], s[SENT + lane] = history[place], mode, sent
         if settings.loaded:

@@ -16,9 +16,7 @@ from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
 from fopi_tune.spec.modes.names import EXAMPLE, FAMILIAR, MODE_PATTERN, NAME_RULE, foreign_pattern
 from fopi_tune.spec.modes.turns import line_keys, line_rules, misnamed_lines, read_turns
-from fopi_tune.spec.yaml.hints import closest
-from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode
-from fopi_tune.spec.yaml.problems import quoted
+from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, PlainOrMapping, Shape, Text
 
@@ -40,20 +38,6 @@ class Unread(Shape):
 
     def json_schema(self) -> JsonSchema:
         return {"description": self.meaning}
-
-
-@dataclass(frozen=True)
-class _FedWord(Choice):
-    """The word for a feed-forward, whose alternative is a mapping."""
-
-    def read(self, place: Place) -> str | None:
-        if isinstance(place.node, ScalarNode) and closest(place.node.text, self.words) is None:
-            place.refuse(
-                f"{quoted(place.node.text)} is not known here; write {INVERSE}, or the gains as "
-                "{static_gain: 0.02, rate_gain: 0.1}"
-            )
-            return None
-        return super().read(place)
 
 
 def modes_shape(names: tuple[str, str] | None, written: Collection[str] = ()) -> Record:
@@ -146,8 +130,9 @@ def _feedforward_shape() -> Shape:
             place.refuse("nothing is fed forward; write static_gain, rate_gain, or both")
         return None
 
-    record = Record(meaning, gains, build, "{static_gain: 0.02, rate_gain: 0.1}", rules={"minProperties": 1})
-    return PlainOrMapping(_FedWord(meaning, (INVERSE,)), record)
+    example = "{static_gain: 0.02, rate_gain: 0.1}"
+    record = Record(meaning, gains, build, example, rules={"minProperties": 1})
+    return PlainOrMapping(Choice(meaning, (INVERSE,), f"the gains as {example}"), record)
 
 
 def _build_gains(values: Values, place: Place) -> FoPi | None:
@@ -225,6 +210,8 @@ def _problem(spec: DesignSpec) -> str | None:
     if len(denominator) < 2:
         return "a mode's plant is of first order or higher: its output must not jump; write a lag with a short time"
     if len(numerator) == len(denominator):
+        if numerator[0] == 0.0:
+            return "its numerator begins with 0, in place of the direct path that a mode has not; leave it out"
         return (
             "a mode's plant has fewer zeros than poles: as many make the output jump with the control, also at a "
             "change of the mode; add the short lag of its actuator or sensor to the denominator"

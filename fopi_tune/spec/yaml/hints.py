@@ -80,12 +80,12 @@ def closest(word: str, known: Collection[str]) -> str | None:
     return by_lower[matches[0]] if matches else None
 
 
-def unknown_word_message(word: str, known: Collection[str]) -> str:
-    """The message for a value that is not one of `known`."""
+def unknown_word_message(word: str, known: Collection[str], instead: str = "") -> str:
+    """The message for a value that is not one of `known`; `instead` says what else may stand in its place."""
     meant = closest(word, known)
     if meant is not None:
         return f"{quoted(word)} is not known here; did you mean {meant!r}?"
-    return f"{quoted(word)} is not known here; write {one_of(known)}"
+    return f"{quoted(word)} is not known here; write {one_of(known)}{f', or {instead}' if instead else ''}"
 
 
 def unknown_key_hint(key: str, known: Collection[str]) -> Hint:

@@ -117,10 +117,11 @@ class Text(Shape):
 
 @dataclass(frozen=True)
 class Choice(Shape):
-    """One of a few words."""
+    """One of a few words, or `instead`, which another shape reads."""
 
     meaning: str
     words: Collection[str]
+    instead: str = ""
 
     def read(self, place: Place) -> str | None:
         scalar = scalar_of(place, "a word")
@@ -128,7 +129,7 @@ class Choice(Shape):
             return None
         if scalar.text in self.words:
             return scalar.text
-        place.refuse(unknown_word_message(scalar.text, self.words))
+        place.refuse(unknown_word_message(scalar.text, self.words, self.instead))
         return None
 
     def json_schema(self) -> JsonSchema:

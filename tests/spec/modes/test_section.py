@@ -151,6 +151,11 @@ def test_zeros_and_dead_times_are_understood_as_meant(tmp_path: Path) -> None:
             "has fewer zeros than poles: as many",
         ),
         (
+            "{model: transfer_function, numerator: [0, 1, 20], denominator: [2, 5, 1]}",
+            "",
+            "its numerator begins with 0, in place of the direct path that a mode has not; leave it out",
+        ),
+        (
             "{model: transfer_function, numerator: [20], denominator: [2, 5, 1]}",
             "standstill: {hold_below_per_s: 1}",
             "the heater's plant is of higher order, and would move on; write a lag",
