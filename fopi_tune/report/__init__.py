@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fopi_tune.report.figures.plots import controller_bode_svg, simulation_svg
+    from fopi_tune.report.figures.tradeoff import tradeoff_svg
     from fopi_tune.report.text.certificates import recheck_text
     from fopi_tune.report.text.design import check_text, design_text
     from fopi_tune.report.text.digital import digital_text
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from fopi_tune.report.text.study import study_text
     from fopi_tune.report.text.system_design import system_design_text
     from fopi_tune.report.text.system_proof import system_proof_text
-    from fopi_tune.report.text.tradeoff import tradeoff_svg, tradeoff_text
+    from fopi_tune.report.text.tradeoff import tradeoff_text
 
 _MODULES = {
     "check_text": "text.design",
@@ -33,7 +34,7 @@ _MODULES = {
     "system_design_text": "text.system_design",
     "system_evidence_text": "text.evidence",
     "system_proof_text": "text.system_proof",
-    "tradeoff_svg": "text.tradeoff",
+    "tradeoff_svg": "figures.tradeoff",
     "tradeoff_text": "text.tradeoff",
 }
 

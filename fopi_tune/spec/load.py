@@ -48,7 +48,7 @@ def load_spec(source: Source) -> DesignSpec:
         content = content_digest(source)
         if content == source.content_sha256:
             return source
-        return replace(source, text_sha256=content, content_sha256=content)
+        return replace(source, text_sha256=content, content_sha256=content, digest=content_digest)
     collector, data = _text_of(source)
     with _of_python(source):
         return _parse(data, collector, folder_reader(_place_of(source)))
@@ -215,7 +215,7 @@ def _parse(data: bytes, collector: ProblemCollector, read: FileReader) -> Design
     spec = read_spec(Place(document, "", collector), hashlib.sha256(data).hexdigest(), read)
     if spec is None:
         raise collector.error()
-    found = replace(spec, source=data, content_sha256=content_digest(spec))
+    found = replace(spec, source=data, content_sha256=content_digest(spec), digest=content_digest)
     found = replace(found, as_read=found)
     # not an argument of the class: `dataclasses.replace` leaves it at False
     object.__setattr__(found, "is_as_read", True)

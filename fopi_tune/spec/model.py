@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -17,6 +17,7 @@ from fopi_tune.core.plant import JointFamily, PlantFamily
 from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.core.terms.controller_spec import ControllerSpec as ControllerSpec
 from fopi_tune.core.terms.controller_spec import GainRange as GainRange
+from fopi_tune.core.terms.digital_spec import DigitalSpec as DigitalSpec
 from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.requirement import Relation as Relation
@@ -49,49 +50,6 @@ class Objective:
     quantity: str
     horizon_s: float | None = None
     scenario: str | None = None
-
-
-@dataclass(frozen=True)
-class DigitalSpec:
-    """How the gains become a controller on a computer.
-
-    Args:
-        sample_time_s: Ts.
-        method: how s^-alpha is approximated.
-        poles: of the approximation.
-        band_rad_s: where it holds; the default suits gain crossovers from 0.1 to 1000 rad/s.
-        rule: from s to z.
-        delay_samples: from the measurement to the new control, in samples.
-        prewarp: where Tustin's rule is exact: "none" (omega -> 0) or "crossover" (the nominal gain crossover).
-        design: which loop the requirements are about, the "continuous" one or the "sampled" one.
-        output_limits: of the control, lower first; None without.
-        output_rate_per_s: fastest change of the control, per s, inside the controller; None without.
-        measurement_unit: of the output and the setpoint; a velocity (`spec.measures`) has an acceleration.
-        output_unit: of the control, for people.
-    """
-
-    sample_time_s: float
-    method: str = "oustaloup"
-    poles: int = 7
-    band_rad_s: tuple[float, float] = (1e-3, 1e3)
-    rule: str = "tustin"
-    delay_samples: float = 0.0
-    prewarp: str = "none"
-    design: str = "continuous"
-    output_limits: tuple[float, float] | None = None
-    output_rate_per_s: float | None = None
-    measurement_unit: str = ""
-    output_unit: str = ""
-
-    @property
-    def depends_on_crossover(self) -> bool:
-        """Whether the filter changes with the loop's gain crossover."""
-        return self.prewarp == "crossover" or self.rule == "matched"
-
-    @property
-    def designs_sampled(self) -> bool:
-        """Whether the requirements are about the loop on samples."""
-        return self.design == "sampled"
 
 
 @dataclass(frozen=True)
@@ -205,6 +163,7 @@ class DesignSpec:
         source: those bytes.
         content_sha256: of what those bytes say, by which a spec that was changed afterwards is told; empty for a spec
             that was not read.
+        digest: how `content_sha256` is made of a spec; None of one that was not read.
         is_as_read: whether nothing was changed since the text was read.
         as_read: the spec that was read, of which this one was made; None without one.
         reference: of one member of a list (`spec.lists.members`), the family whose nominal plant is the list's; None
@@ -225,6 +184,7 @@ class DesignSpec:
     schema: int = 1
     source: bytes = field(default=b"", compare=False, repr=False)
     content_sha256: str = field(default="", compare=False, repr=False)
+    digest: Callable[[DesignSpec], str] | None = field(default=None, compare=False, repr=False)
     scenario_requirements: tuple[Limit, ...] = ()
     reference: PlantFamily | None = None
     as_read: DesignSpec | None = field(default=None, compare=False, repr=False)
@@ -248,12 +208,9 @@ class DesignSpec:
     @property
     def sha256(self) -> str:
         """The hash of the text that this spec was read from; of one that says something else, of what it says."""
-        if self.is_as_read:
+        if self.is_as_read or self.digest is None:
             return self.text_sha256
-        # loaded here: digests are of what this module defines
-        from fopi_tune.spec.digests import content_digest
-
-        content = content_digest(self)
+        content = self.digest(self)
         return self.text_sha256 if content == self.content_sha256 else content
 
     @property

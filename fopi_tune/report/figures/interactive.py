@@ -174,7 +174,7 @@ def _add(panel: Any, glyph: Any, columns: dict[str, Array], name: str = "") -> A
     from bokeh.models import ColumnDataSource
 
     # single precision is more than a screen shows, and half as long
-    data = {key: np.asarray(values, dtype=np.float32) for key, values in columns.items()}
+    data: dict[str, Any] = {key: np.asarray(values, dtype=np.float32) for key, values in columns.items()}
     return panel.add_glyph(ColumnDataSource(data), glyph, name=name)
 
 
