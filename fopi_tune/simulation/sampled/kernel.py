@@ -59,32 +59,43 @@ _inlined: Any = njit(forceinline=True, error_model="numpy")
 _compiled: Any = njit(error_model="numpy")
 
 
+@_inlined
+def _begin_controllers(s, lane, past, controllers, settings, offsets):
+    """Outputs and states of a plant's controllers before the first sample."""
+    for which in range(1 + settings.hybrid):
+        mode = (settings.first_mode + which) % 2
+        begin = controllers[mode, START]
+        if which == 0 and settings.bumpless:
+            begin = min(max(past, controllers[mode, LOW]), controllers[mode, HIGH])
+        s[(LAST_OUTPUT if which == 0 else OTHER_LAST_OUTPUT) + lane] = begin
+        states = offsets.active if which == 0 else offsets.inactive_0
+        if settings.sections > 0:
+            s[states + lane] = begin * controllers[mode, INTEGRATES]
+
+
 @_compiled
 def _initialise(s, block, table, controllers, settings, offsets):
     """The scratch array of a block before its first sample."""
     for place in range(offsets.size):
         s[place] = 0.0
+    rows, column = pointer(table), block * WIDTH
+    past, mode = load(rows, column), broadcast(float(settings.first_mode))
+    for row in range(1, table.shape[0]):
+        store(s, offsets.x + (row - 1) * WIDTH, load(rows, row * settings.width + column))
+    store(s, OVERSHOOT, broadcast(-np.inf))
+    store(s, OUTSIDE, broadcast(settings.judged - 1.0))
+    store(s, FINITE, broadcast(1.0))
+    store(s, BEGUN, broadcast(float(settings.judged)))
+    store(s, APPLIED, past)
+    store(s, PREVIOUS_INPUT, past)
+    store(s, CONTROL, past)
+    store(s, MODE, mode)
+    store(s, ARRIVED_MODE, mode)
+    store(s, LAST_SWITCH, broadcast(-np.inf))
+    store(s, SENT, broadcast(-1.0))
+    store(s, IS_NEW, broadcast(float(settings.starts_at_first_sample)))
     for lane in range(WIDTH):
-        plant = block * WIDTH + lane
-        past = table[0, plant]
-        for row in range(1, table.shape[0]):
-            s[offsets.x + (row - 1) * WIDTH + lane] = table[row, plant]
-        s[OVERSHOOT + lane], s[OUTSIDE + lane], s[FINITE + lane] = -np.inf, settings.judged - 1.0, 1.0
-        s[BEGUN + lane] = float(settings.judged)
-        s[APPLIED + lane] = s[PREVIOUS_INPUT + lane] = s[CONTROL + lane] = past
-        s[MODE + lane] = s[ARRIVED_MODE + lane] = settings.first_mode
-        s[LAST_SWITCH + lane] = -np.inf
-        s[SENT + lane] = -1.0
-        s[IS_NEW + lane] = settings.starts_at_first_sample
-        for which in range(1 + settings.hybrid):
-            mode = (settings.first_mode + which) % 2
-            begin = controllers[mode, START]
-            if which == 0 and settings.bumpless:
-                begin = min(max(past, controllers[mode, LOW]), controllers[mode, HIGH])
-            s[(LAST_OUTPUT if which == 0 else OTHER_LAST_OUTPUT) + lane] = begin
-            states = offsets.active if which == 0 else offsets.inactive_0
-            if settings.sections > 0:
-                s[states + lane] = begin * controllers[mode, INTEGRATES]
+        _begin_controllers(s, lane, table[0, column + lane], controllers, settings, offsets)
 
 
 @_inlined

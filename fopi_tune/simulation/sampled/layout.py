@@ -39,10 +39,10 @@ OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ER
     WIDTH * i for i in range(28, 36)
 )
 RISING, RISING_OUTPUT, IS_NEW, COASTING, OUTPUT, CHANGE, SENT, NOISE = (WIDTH * i for i in range(36, 44))
-#: four rows each, for the noise of four samples; a vector may be read from the last entry
-TAILS, LOGARITHMS = NOISE + 4 * WIDTH, NOISE + 9 * WIDTH
+#: four rows, of the noise of four samples, and again; a vector may be read from the last entry of these
+TAILS = NOISE + 4 * WIDTH
 #: rows with a fixed offset
-FIXED_ROWS = LOGARITHMS // WIDTH + 5
+FIXED_ROWS = TAILS // WIDTH + 5
 #: rows of `steps`, one number a sample: the reference that is judged, direction, band, what begins there, the reference
 #: before, and a tenth and nine tenths of the reference's last step
 VALUE, DIRECTION, BAND, BEGINS, BEFORE, RISES_FROM, RISES_TO = range(7)

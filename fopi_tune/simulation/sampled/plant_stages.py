@@ -85,7 +85,7 @@ def output(s, c, other, settings, offsets):
             rate = where(stands_still(c, other, y, gain * before, first), broadcast(0.0), rate)
         return y, rate
     n = settings.order
-    c = offsets.plant + (n * n + 4 * n) * WIDTH
+    c = offsets.plant + (n * n + 2 * n) * WIDTH
     y, rate = broadcast(0.0), broadcast(0.0)
     for i in range(n):
         x = load(s, offsets.x + i * WIDTH)
@@ -152,7 +152,7 @@ def standing(c, other, y, following, drive, first):
 def rate_after(s, settings, offsets, rate):
     """dy/dt just after the inputs that arrive at the sample; those that arrive between samples are left out."""
     n = settings.order
-    step = offsets.plant + (n * n + 6 * n + 2) * WIDTH
+    step = offsets.plant + (n * n + 4 * n + 2) * WIDTH
     return rate + load(s, step) * (load(s, CONTROL) + load(s, LOAD) - load(s, PREVIOUS_INPUT))
 
 
@@ -360,7 +360,8 @@ def advance_states(s, settings, offsets):
         if settings.delayed:
             x = x + load(s, row + n * WIDTH) * old
         if settings.loaded:
-            x = x + load(s, row + 2 * n * WIDTH) * w + load(s, row + 3 * n * WIDTH) * old_w
+            row += (4 * n + 3) * WIDTH
+            x = x + load(s, row) * w + load(s, row + n * WIDTH) * old_w
         store(s, offsets.following + i * WIDTH, flushed(x))
     for i in range(n):
         store(s, offsets.x + i * WIDTH, load(s, offsets.following + i * WIDTH))

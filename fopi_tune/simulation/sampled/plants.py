@@ -47,6 +47,9 @@ class DelayedInput:
     def whole(self) -> tuple[Array, Array, Array]:
         """e^A, shape (m, n, n), and the weights of v_{k-d} and v_{k-1-d}, shape (m, n) each."""
         (first, second), (old, new) = self.transition, self.weight
+        if old.shape[1] == 1:
+            # products of numbers, without a call for each
+            return second * first, new, second[:, :, 0] * old
         return second @ first, new, (second @ old[:, :, None])[:, :, 0]
 
 
@@ -92,7 +95,7 @@ class DiscretePlants:
         """n."""
         return self.output.shape[1]
 
-    @property
+    @cached_property
     def acts_at_samples(self) -> NDArray[np.bool_]:
         """Whether control and load act at the samples, not between them; shape (m,)."""
         return ~(np.any(self.control.weight[0] != 0.0, axis=1) | np.any(self.load.weight[0] != 0.0, axis=1))

@@ -239,10 +239,14 @@ def _table(held: list[DiscretePlants], segments: Segments | None, scenario: Scen
     states, past = first.initial_state(scenario.start)
     if scenario.hybrid is None:
         transition, new, old = first.control.whole
-        _, load_new, load_old = first.load.whole
-        plant = [transition.reshape(m, n * n), new, old, load_new, load_old, first.output, first.rate_state]
-        plant += [first.direct[:, None], first.rate_input[:, None]]
-        plant += [first.rate_step[:, None], first.acts_at_samples[:, None], first.arrivals.reshape(m, 2 * (n + 4))]
+        plant = [transition.reshape(m, n * n), new, old, first.output, first.rate_state]
+        plant += [first.direct[:, None], first.rate_input[:, None], first.rate_step[:, None]]
+        at_samples = first.acts_at_samples.all()
+        # what no sample uses is left out: most chunks have neither a load nor an arrival between samples
+        if scenario.signals.load is not None or not at_samples:
+            plant += first.load.whole[1:]
+        if not at_samples:
+            plant += [first.acts_at_samples[:, None], first.arrivals.reshape(m, 2 * (n + 4))]
     else:
         plant = []
         for part in held:
@@ -342,7 +346,7 @@ def _measures(rows: Array, scenario: Scenario) -> Measures:
     finite = found["finite"] == 1.0
 
     def known(values: Array) -> Array:
-        return np.where(finite, values, np.nan)
+        return values if finite.all() else np.where(finite, values, np.nan)
 
     outside, at_end, before = found["outside"], found["final_error"], found["step_error"]
     lasted = np.where(outside >= steps - 1, np.inf, outside + 1.0 - found["begun"])

@@ -165,6 +165,26 @@ def upper_bits(_typing: Any, vector: Any) -> Any:
     return _VECTOR(_WORDS), generate
 
 
+#: the bits of 1, and of the lowest mantissa, next to sqrt(1/2)
+_ONE, _LOWEST = 0x3FF0000000000000, 0x3FE6A09E00000000
+
+
+@_instruction
+def exponent_and_mantissa(_typing: Any, vector: Any) -> Any:
+    """Lane by lane k and m of a positive number m 2^k that is not subnormal, sqrt(1/2) <= m < sqrt(2), about."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        shift, bias, one, lowest, fraction = (
+            ir.Constant(_INTEGERS, [number] * WIDTH) for number in (52, 1023, _ONE - _LOWEST, _LOWEST, 2**52 - 1)
+        )
+        moved = builder.add(builder.bitcast(args[0], _INTEGERS), one)
+        exponent = builder.sitofp(builder.sub(builder.lshr(moved, shift), bias), _DOUBLES)
+        mantissa = builder.bitcast(builder.add(builder.and_(moved, fraction), lowest), _DOUBLES)
+        return context.make_tuple(builder, sig.return_type, (exponent, mantissa))
+
+    return types.UniTuple(_VECTOR, 2)(_VECTOR), generate
+
+
 @_instruction
 def compress_store(_typing: Any, base: Any, place: Any, vector: Any, mask: Any) -> Any:
     """Write the lanes of a mask without gaps from pointer + place on."""
