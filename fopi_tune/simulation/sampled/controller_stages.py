@@ -236,6 +236,17 @@ def next_state(s, c, other, second, state, i, e, d):
 
 
 @_inlined
+def unlimited_state(s, c, other, second, state, i, e):
+    """`next_state` where no lane is at a limit."""
+    row = SECTIONS + 3 * i
+    x = coefficient(c, row, other, second) * load(s, state) + coefficient(c, row + 2, other, second) * e
+    resting = is_tiny(e)
+    if bits(resting) != 0:
+        x = where(resting & is_tiny(x), broadcast(0.0), x)
+    return x
+
+
+@_inlined
 def update_states(s, c, other, second, states, new, sections):
     """The states after the last sample, from its error and excess u - v."""
     e, d = load(s, LAST_ERROR), load(s, EXCESS)
@@ -248,10 +259,17 @@ def update_and_demand(s, c, other, second, states, sections, first):
     """`update_states` and the next sample's `demand` in one pass over the sections."""
     before, d = load(s, LAST_ERROR), load(s, EXCESS)
     v = first
-    for i in range(sections):
-        x = next_state(s, c, other, second, states + i * WIDTH, i, before, d)
-        store(s, states + i * WIDTH, x)
-        v = v + x
+    if bits(d != broadcast(0.0)) == 0:
+        # within the limits in every lane: p (x + w 0) is p x
+        for i in range(sections):
+            x = unlimited_state(s, c, other, second, states + i * WIDTH, i, before)
+            store(s, states + i * WIDTH, x)
+            v = v + x
+    else:
+        for i in range(sections):
+            x = next_state(s, c, other, second, states + i * WIDTH, i, before, d)
+            store(s, states + i * WIDTH, x)
+            v = v + x
     return v
 
 

@@ -110,13 +110,16 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, setpoint, rate,
     # with checks the states were updated at the end of the last sample
     update_due = k > 0 and not check_finite
     switching_stages.expire_switches(s, jumps, k, settings.window)
-    up, down = switching_stages.line_crossings(s, k, measured, r, e, settings)
+    crossing = False
+    if settings.hybrid:
+        up, down = switching_stages.line_crossings(s, k, measured, r, e, settings)
+        crossing = bits(up | down) != 0
     if settings.coasts:
         states = offsets.active, other_old
         switching_stages.coast_or_enter(s, jumps, k, c, other, measured, r, e, *states, settings)
         second = load(s, MODE) > broadcast(0.5)
         own, select = controller_stages.resolve_mode(c, other, second)
-    if settings.hybrid and settings.coasts == 0 and bits(up | down) != 0:
+    if settings.coasts == 0 and crossing:
         v = switching_stages.switch_and_demand(
             s, jumps, k, c, other, up, down, offsets.active, other_old, settings, update_due, e, setpoint
         )  # fmt: skip

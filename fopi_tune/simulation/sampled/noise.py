@@ -1,9 +1,9 @@
 """Counter-based normal deviates:  (seed, plant, sample) -> deviate, independent of the order of evaluation.
 
-Philox4x64-10 (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, 2011) with the key (seed, plant) and the
-counter 1 + k//4 gives four words for the samples k = 4j .. 4j + 3: those of numpy.random.Philox(key=[seed, plant]).  A
-word's upper 52 bits make u = (bits + 1/2)/2^52, and the deviate is the normal quantile of u by AS 241's PPND16
-(Wichura, Applied Statistics 37, 1988), which is right to about 1e-15.
+Philox4x32-10 (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, 2011) with the seed as key and the counter
+(k//2, 0, plant), the plant as two words, lower one first, gives four words of 32 bits: two for the sample 2j, the upper
+one first, two for 2j + 1.  The upper 52 of these 64 bits make u = (bits + 1/2)/2^52, and the deviate is the normal
+quantile of u by AS 241's PPND16 (Wichura, Applied Statistics 37, 1988), which is right to about 1e-15.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 
-MULTIPLIERS = (0xD2E7470EE14C6C93, 0xCA5A826395121157)
-WEYL = (0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B)
+MULTIPLIERS = (0xD2511F53, 0xCD9E8D57)
+WEYL = (0x9E3779B9, 0xBB67AE85)
 ROUNDS = 10
 #: AS 241 uses `CENTRE` for |u - 1/2| up to CENTRAL, `MIDDLE` for r = sqrt(-ln(min(u, 1 - u))) up to FAR, then `OUTER`
 CENTRAL, FAR = 0.425, 5.0
@@ -37,16 +37,16 @@ OUTER = (
      7.86869131145613259100e-4, 1.84631831751005468180e-5, 1.42151175831644588870e-7, 2.04426310338993978564e-15),
 )  # fmt: skip
 
-_WORD = 2**64 - 1
+_WORD = 2**32 - 1
 
 
-def philox(counter: int, key: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Four words of 64 bits at the counter (counter, 0, 0, 0)."""
-    a, b, c, d = counter, 0, 0, 0
+def philox(counter: tuple[int, int, int, int], key: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Four words of 32 bits at a counter of four and a key of two words."""
+    a, b, c, d = counter
     k0, k1 = key
     for _ in range(ROUNDS):
         one, two = MULTIPLIERS[0] * a, MULTIPLIERS[1] * c
-        a, b, c, d = (two >> 64) ^ b ^ k0, two & _WORD, (one >> 64) ^ d ^ k1, one & _WORD
+        a, b, c, d = (two >> 32) ^ b ^ k0, two & _WORD, (one >> 32) ^ d ^ k1, one & _WORD
         k0, k1 = (k0 + WEYL[0]) & _WORD, (k1 + WEYL[1]) & _WORD
     return a, b, c, d
 
@@ -61,8 +61,10 @@ def normal_quantile(u: Array) -> Array:
 
 def normal_deviates(seed: int, plant: int, steps: int) -> Array:
     """The noise of one plant, standard deviation 1, shape (steps,)."""
-    words = [word for j in range(-(-steps // 4)) for word in philox(1 + j, (seed, plant))]
-    return normal_quantile(np.array([((word >> 12) + 0.5) * 2.0**-52 for word in words[:steps]]))
+    key = seed & _WORD, seed >> 32
+    words = [word for j in range(-(-steps // 2)) for word in philox((j, 0, plant & _WORD, plant >> 32), key)]
+    bits = [(upper << 20) | (lower >> 12) for upper, lower in zip(words[::2], words[1::2], strict=True)]
+    return normal_quantile((np.array(bits[:steps], dtype=float) + 0.5) * 2.0**-52)
 
 
 def _quotient(coefficients: tuple[tuple[float, ...], tuple[float, ...]], at: Array) -> Array:

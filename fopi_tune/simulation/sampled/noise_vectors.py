@@ -18,12 +18,13 @@ from fopi_tune.simulation.sampled.vectors import (
     count_bits,
     expand_load,
     exponent_and_mantissa,
+    half_product,
     load,
     square_root,
     store,
     upper_bits,
+    upper_half,
     where,
-    wide_product,
     word_sequence,
 )
 
@@ -44,15 +45,15 @@ _compiled: Any = njit(error_model="numpy")
 
 @_inlined
 def _philox(seed, plant, counter):
-    """Philox4x64-10 for the plants plant, plant + 1, ..."""
-    a, b = word_sequence(counter, np.uint64(0)), word_sequence(np.uint64(0), np.uint64(0))
-    c, d = b, b
-    k0, k1, step = seed, word_sequence(plant, np.uint64(1)), word_sequence(_W1, np.uint64(0))
+    """Philox4x32-10 for the plants plant, plant + 1, ...; the lower halves of four words, the upper ones are anything."""
+    zero = np.uint64(0)
+    a, b, c = word_sequence(counter, zero), word_sequence(zero, zero), word_sequence(plant, np.uint64(1))
+    d, k0, k1 = upper_half(c), seed, seed >> np.uint64(32)
     for _ in range(_ROUNDS):
-        upper, lower = wide_product(a, _M0)
-        other, least = wide_product(c, _M1)
-        a, b, c, d = other ^ b ^ word_sequence(k0, np.uint64(0)), least, upper ^ d ^ k1, lower
-        k0, k1 = k0 + _W0, k1 + step
+        first, second = half_product(a, _M0), half_product(c, _M1)
+        a, b = upper_half(second) ^ b ^ word_sequence(k0, zero), second
+        c, d = upper_half(first) ^ d ^ word_sequence(k1, zero), first
+        k0, k1 = k0 + _W0, k1 + _W1
     return a, b, c, d
 
 
@@ -91,9 +92,11 @@ def _tails(s, found):
 @_compiled
 def make_noise(s, seed, index, k):
     """Deviates of the samples k to k + 3 of plants index, index + 1, ..."""
-    four = _philox(seed, np.uint64(index), np.uint64(1 + k // 4))
-    for i in range(4):
-        store(s, NOISE + WIDTH * i, (upper_bits(four[i]) + broadcast(0.5)) * broadcast(2.0**-52) - broadcast(0.5))
+    for i in range(2):
+        a, b, c, d = _philox(seed, np.uint64(index), np.uint64(k // 2 + i))
+        one, two = upper_bits(a, b) + broadcast(0.5), upper_bits(c, d) + broadcast(0.5)
+        store(s, NOISE + 2 * i * WIDTH, one * broadcast(2.0**-52) - broadcast(0.5))
+        store(s, NOISE + (2 * i + 1) * WIDTH, two * broadcast(2.0**-52) - broadcast(0.5))
     # the tails of all four samples at once: they are few
     found = 0
     for i in range(4):

@@ -184,8 +184,11 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
     n = c.shape[1]
     samples = plants.dead_time_s / sample_time_s
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        load = _delayed(a, samples)
-        control = load if delay_samples == 0.0 else _delayed(a, samples + delay_samples)
+        arrives = late = _split(samples)
+        load = control = _delayed(a, *late)
+        if delay_samples != 0.0:
+            arrives = _split(samples + delay_samples)
+            control = _delayed(a, *arrives)
         gain = top[:, -1] / bottom[:, -1]
         equilibrium = np.zeros(c.shape)
         if n:
@@ -195,7 +198,8 @@ def discretize_plants(plants: Plants, sample_time_s: float, delay_samples: float
         if n == 1:
             control, load = _scaled(control, c), _scaled(load, c)
             equilibrium, rate_state, c = equilibrium * c, a[:, 0, :] / sample_time_s, np.ones_like(c)
-    parts = _parts(samples, delay_samples)
+    # the same part where only rounding differs
+    parts = np.where(np.abs(arrives[1] - late[1]) <= SAME_PART, late[1], arrives[1]), late[1]
     return DiscretePlants(control, load, c, direct, rate_state, rate_input, gain, equilibrium, parts, a, sample_time_s)
 
 
@@ -211,6 +215,8 @@ def _of_one_degree(top: Array, bottom: Array, sample_time_s: float) -> tuple[Arr
 
     Plants of several models are simulated together; the states that are added follow the input and reach no output.
     """
+    if np.all(bottom[:, :1] != 0.0):
+        return top, bottom
     missing = np.argmax(bottom != 0.0, axis=1)
     if not missing.any() or missing.all():
         return top, bottom
@@ -224,12 +230,6 @@ def _of_one_degree(top: Array, bottom: Array, sample_time_s: float) -> tuple[Arr
     return top, bottom
 
 
-def _parts(samples: Array, delay_samples: float) -> tuple[Array, Array]:
-    """The fractions of a sample after which control and load arrive: the same one where only rounding differs."""
-    control, load = part_of_a_sample(samples + delay_samples), part_of_a_sample(samples)
-    return np.where(np.abs(control - load) <= SAME_PART, load, control), load
-
-
 def whole_samples(samples: Array) -> NDArray[np.int64]:
     """The whole samples in a delay."""
     return np.floor(samples + _WHOLE).astype(np.int64)
@@ -240,17 +240,20 @@ def part_of_a_sample(samples: Array) -> Array:
     return np.clip(samples - whole_samples(samples), 0.0, 1.0)
 
 
-def _delayed(a: Array, samples: Array) -> DelayedInput:
+def _split(samples: Array) -> tuple[NDArray[np.int64], Array]:
+    """Whole samples and the part of one in a delay."""
     if np.any(samples > MOST_DELAY_SAMPLES):
         raise DomainError(f"the delay is {samples.max():.3g} samples long; take a longer sample time")
-    whole = whole_samples(samples)
-    part = part_of_a_sample(samples)
+    return whole_samples(samples), part_of_a_sample(samples)
+
+
+def _delayed(a: Array, whole: NDArray[np.int64], part: Array) -> DelayedInput:
     m, n = a.shape[:2]
+    transition, weight = np.empty((2, m, n, n)), np.empty((2, m, n))
     # most delays are whole, and usually 0
-    none = np.broadcast_to(np.eye(n), (m, n, n)), np.zeros((m, n))
-    before, after = constant_input_step(a, part) if part.any() else none, constant_input_step(a, 1.0 - part)
-    both = np.stack([before[0], after[0]]), np.stack([before[1], after[1]])
-    return DelayedInput(whole, *both)
+    transition[0], weight[0] = constant_input_step(a, part) if part.any() else (np.eye(n), 0.0)
+    transition[1], weight[1] = constant_input_step(a, 1.0 - part)
+    return DelayedInput(whole, transition, weight)
 
 
 def _scaled(delayed: DelayedInput, c: Array) -> DelayedInput:

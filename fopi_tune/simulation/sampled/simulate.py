@@ -211,7 +211,7 @@ def _run(
         settings.filter_order,
     )  # fmt: skip
     signal = scenario.signals.load if scenario.signals.load is not None else np.zeros(0)
-    results = np.zeros((len(RESULTS), blocks * WIDTH))
+    results = np.empty((len(RESULTS), blocks * WIDTH))
     traces = np.zeros(len(TRACES) * count * blocks * WIDTH if keep else 0)
     controllers = np.array([controller_coefficients(mode.controller, settings) for mode in modes])
     controllers[:, FED_STATIC:SECTIONS] = mode_coefficients(scenario.hybrid, len(modes))
@@ -259,8 +259,9 @@ def _table(held: list[DiscretePlants], segments: Segments | None, scenario: Scen
         whole = segments.transition[segment, mode].reshape(m, n * n)
         plant += [whole, segments.weight[segment, mode], segments.arrives[segment, mode][:, None]]
     columns = [past[:, None], states, *plant]
-    table = np.zeros((sum(column.shape[1] for column in columns), width))
+    table = np.empty((sum(column.shape[1] for column in columns), width))
     np.concatenate([column.T for column in columns], out=table[:, :m])
+    table[:, m:] = 0.0
     return table
 
 

@@ -137,32 +137,39 @@ def word_sequence(_typing: Any, first: Any, step: Any) -> Any:
 
 
 @_instruction
-def wide_product(_typing: Any, vector: Any, factor: Any) -> Any:
-    """Lane by lane the upper and lower 64 bits of a product, from products of 32-bit halves."""
+def half_product(_typing: Any, vector: Any, factor: Any) -> Any:
+    """Lane by lane the product, 64 bits, of the lower 32 bits and a factor below 2^32."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        half, mask = (ir.Constant(_INTEGERS, [number] * WIDTH) for number in (32, 2**32 - 1))
-        one, two = args[0], _broadcast(builder, _INTEGERS, args[1])
-        parts = [(builder.and_(word, mask), builder.lshr(word, half)) for word in (one, two)]
-        ll, lh, hl, hh = (builder.mul(x, y) for x in parts[0] for y in parts[1])
-        first = builder.add(hl, builder.lshr(ll, half))
-        second = builder.add(lh, builder.and_(first, mask))
-        upper = builder.add(builder.add(hh, builder.lshr(first, half)), builder.lshr(second, half))
-        lower = builder.or_(builder.shl(second, half), builder.and_(ll, mask))
-        return context.make_tuple(builder, sig.return_type, (upper, lower))
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        mask = ir.Constant(_INTEGERS, [2**32 - 1] * WIDTH)
+        # that both factors are below 2^32 makes this one instruction
+        one, two = (builder.and_(word, mask) for word in (args[0], _broadcast(builder, _INTEGERS, args[1])))
+        return builder.mul(one, two)
 
-    return types.UniTuple(_WORDS, 2)(_WORDS, types.uint64), generate
+    return _WORDS(_WORDS, types.uint64), generate
 
 
 @_instruction
-def upper_bits(_typing: Any, vector: Any) -> Any:
-    """The upper 52 bits of every word as a number."""
+def upper_half(_typing: Any, vector: Any) -> Any:
+    """Lane by lane the upper 32 bits."""
 
     def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        # a number below 2^63 has the same value with a sign
-        return builder.sitofp(builder.lshr(args[0], ir.Constant(_INTEGERS, [12] * WIDTH)), _DOUBLES)
+        return builder.lshr(args[0], ir.Constant(_INTEGERS, [32] * WIDTH))
 
-    return _VECTOR(_WORDS), generate
+    return _WORDS(_WORDS), generate
+
+
+@_instruction
+def upper_bits(_typing: Any, upper: Any, lower: Any) -> Any:
+    """The upper 52 bits, as a number, of the lower halves of two words side by side."""
+
+    def generate(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        half, mask, right = (ir.Constant(_INTEGERS, [number] * WIDTH) for number in (20, 2**32 - 1, 12))
+        upper, lower = (builder.and_(word, mask) for word in args)
+        # a number below 2^63 has the same value with a sign
+        return builder.sitofp(builder.or_(builder.shl(upper, half), builder.lshr(lower, right)), _DOUBLES)
+
+    return _VECTOR(_WORDS, _WORDS), generate
 
 
 #: the bits of 1, and of the lowest mantissa, next to sqrt(1/2)
