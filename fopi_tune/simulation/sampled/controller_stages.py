@@ -33,6 +33,7 @@ from fopi_tune.simulation.sampled.layout import (
     LAST_OUTPUT,
     LOW,
     MOST_CHANGE,
+    PREVIOUS_INPUT,
     PROPORTIONAL,
     SECTIONS,
     SETPOINT_WEIGHT,
@@ -94,8 +95,8 @@ def all_small(e, d, u, rate):
 
 
 @_compiled
-def any_large(table, controllers, sections, block):
-    """Whether a block must check every number for overflow: coefficients or first inputs are large."""
+def any_large_coefficient(controllers, sections):
+    """Whether every number must be checked for overflow because a coefficient is large."""
     found, end = False, SECTIONS + 3 * sections
     for mode in range(controllers.shape[0]):
         for row in range(controllers.shape[1]):
@@ -103,9 +104,13 @@ def any_large(table, controllers, sections, block):
             # those of limits may be infinite
             limit = row in (LOW, HIGH, MOST_CHANGE, FLOOR, HOLD_BELOW)
             found |= not limit and not abs(controllers[mode, row]) <= most
-    for lane in range(WIDTH):
-        found |= not abs(table[0, block * WIDTH + lane]) <= _LARGE
     return found
+
+
+@_inlined
+def any_large_input(s):
+    """Whether a block must check every number because the input before its first sample is large."""
+    return bits(absolute(load(s, PREVIOUS_INPUT)) <= broadcast(_LARGE)) != ALL_LANES
 
 
 @_inlined
@@ -224,22 +229,15 @@ def demand(s, states, sections, first):
 
 
 @_inlined
-def next_state(s, c, other, second, state, i, e, d):
-    """p (x + w d) + r e, flushed in lanes at rest; elsewhere the test of e is all it costs."""
-    row = SECTIONS + 3 * i
-    x = coefficient(c, row, other, second) * (load(s, state) + coefficient(c, row + 1, other, second) * d)
-    x = x + coefficient(c, row + 2, other, second) * e
-    resting = is_tiny(e)
-    if bits(resting) != 0:
-        x = where(resting & is_tiny(x), broadcast(0.0), x)
-    return x
+def next_state(s, c, other, second, state, i, e, d, limited=True):
+    """p (x + w d) + r e, flushed in lanes at rest; elsewhere the test of e is all it costs.
 
-
-@_inlined
-def unlimited_state(s, c, other, second, state, i, e):
-    """`next_state` where no lane is at a limit."""
-    row = SECTIONS + 3 * i
-    x = coefficient(c, row, other, second) * load(s, state) + coefficient(c, row + 2, other, second) * e
+    Without `limited` d is 0 in every lane, and its term left out.
+    """
+    row, x = SECTIONS + 3 * i, load(s, state)
+    if limited:
+        x = x + coefficient(c, row + 1, other, second) * d
+    x = coefficient(c, row, other, second) * x + coefficient(c, row + 2, other, second) * e
     resting = is_tiny(e)
     if bits(resting) != 0:
         x = where(resting & is_tiny(x), broadcast(0.0), x)
@@ -260,9 +258,8 @@ def update_and_demand(s, c, other, second, states, sections, first):
     before, d = load(s, LAST_ERROR), load(s, EXCESS)
     v = first
     if bits(d != broadcast(0.0)) == 0:
-        # within the limits in every lane: p (x + w 0) is p x
         for i in range(sections):
-            x = unlimited_state(s, c, other, second, states + i * WIDTH, i, before)
+            x = next_state(s, c, other, second, states + i * WIDTH, i, before, d, False)
             store(s, states + i * WIDTH, x)
             v = v + x
     else:

@@ -59,20 +59,6 @@ _inlined: Any = njit(forceinline=True, error_model="numpy")
 _compiled: Any = njit(error_model="numpy")
 
 
-@_inlined
-def _begin_controllers(s, lane, past, controllers, settings, offsets):
-    """Outputs and states of a plant's controllers before the first sample."""
-    for which in range(1 + settings.hybrid):
-        mode = (settings.first_mode + which) % 2
-        begin = controllers[mode, START]
-        if which == 0 and settings.bumpless:
-            begin = min(max(past, controllers[mode, LOW]), controllers[mode, HIGH])
-        s[(LAST_OUTPUT if which == 0 else OTHER_LAST_OUTPUT) + lane] = begin
-        states = offsets.active if which == 0 else offsets.inactive_0
-        if settings.sections > 0:
-            s[states + lane] = begin * controllers[mode, INTEGRATES]
-
-
 @_compiled
 def _initialise(s, block, table, controllers, settings, offsets):
     """The scratch array of a block before its first sample."""
@@ -94,8 +80,16 @@ def _initialise(s, block, table, controllers, settings, offsets):
     store(s, LAST_SWITCH, broadcast(-np.inf))
     store(s, SENT, broadcast(-1.0))
     store(s, IS_NEW, broadcast(float(settings.starts_at_first_sample)))
-    for lane in range(WIDTH):
-        _begin_controllers(s, lane, table[0, column + lane], controllers, settings, offsets)
+    for which in range(1 + settings.hybrid):
+        own = controllers[(settings.first_mode + which) % 2]
+        begin = broadcast(own[START])
+        if which == 0 and settings.bumpless:
+            low, high = broadcast(own[LOW]), broadcast(own[HIGH])
+            begin = where(past < low, low, past)
+            begin = where(begin > high, high, begin)
+        store(s, LAST_OUTPUT if which == 0 else OTHER_LAST_OUTPUT, begin)
+        if settings.sections > 0:
+            store(s, offsets.active if which == 0 else offsets.inactive_0, begin * broadcast(own[INTEGRATES]))
 
 
 @_inlined
@@ -246,20 +240,20 @@ def _run_blocks(
     c, other = pointer(controllers), controllers.shape[1] if settings.hybrid else 0
     inputs = pointer(jumps), pointer(delay), pointer(reference), pointer(signal)
     inputs = *inputs, pointer(steps), pointer(traces)
+    found, large = pointer(results), controller_stages.any_large_coefficient(controllers, settings.sections)
     for block in range(begin, stop):
         _initialise(s, block, table, controllers, settings, offsets)
         for place in range(rings):
             history[place] = s[APPLIED + place % WIDTH]
             modes[place] = settings.first_mode
         # where the modes coast, states are updated at the end of each sample
-        check_finite = controller_stages.any_large(table, controllers, settings.sections, block) or settings.coasts != 0
+        check_finite = large or settings.coasts != 0 or controller_stages.any_large_input(s)
         for k in range(settings.steps):
             check_finite = _sample(
                 s, history, modes, c, other, block, k, settings, offsets, *inputs, check_finite
             )  # fmt: skip
         for row in range(_RESULTS):
-            for lane in range(WIDTH):
-                results[row, block * WIDTH + lane] = s[row * WIDTH + lane]
+            store(found, row * settings.width + block * WIDTH, load(s, row * WIDTH))
 
 
 #: simulates the blocks begin to stop - 1 and fills their columns of `results` and, unless it is empty, of `traces`

@@ -45,7 +45,7 @@ _compiled: Any = njit(error_model="numpy")
 
 @_inlined
 def _philox(seed, plant, counter):
-    """Philox4x32-10 for the plants plant, plant + 1, ...; the lower halves of four words, the upper ones are anything."""
+    """Philox4x32-10 of the plants plant, plant + 1, ...: four words in lower halves, with anything above."""
     zero = np.uint64(0)
     a, b, c = word_sequence(counter, zero), word_sequence(zero, zero), word_sequence(plant, np.uint64(1))
     d, k0, k1 = upper_half(c), seed, seed >> np.uint64(32)

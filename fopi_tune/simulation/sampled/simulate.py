@@ -47,7 +47,7 @@ from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plant
 from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
 #: plants per chunk and thread; bounds the memory
-CHUNK = 8192
+CHUNK = 16384
 
 
 def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None, first_index: int = 0) -> Traces:

@@ -47,7 +47,7 @@ from fopi_tune.simulation.sampled.layout import (
     TRACK,
     WIDTH,
 )
-from fopi_tune.simulation.sampled.vectors import bits, broadcast, load, mask_from_bits, store, where
+from fopi_tune.simulation.sampled.vectors import bits, broadcast, load, mask_from_bits, store, where, without
 
 _inlined: Any = njit(forceinline=True, error_model="numpy")
 
@@ -110,9 +110,9 @@ def _free_lanes(s, k, e, dwell):
 @_inlined
 def line_crossings(s, k, measured, reference, e, settings):
     """The lanes that cross a line after the minimum dwell: from mode 1 to 2, and from 2 to 1, without coasting."""
-    mode = load(s, MODE)
-    up = (mode < broadcast(0.5)) & (measured >= broadcast(_level(reference, settings.up, settings.up_absolute)))
-    down = (mode > broadcast(0.5)) & (measured <= broadcast(_level(reference, settings.down, settings.down_absolute)))
+    second = load(s, MODE) > broadcast(0.5)
+    up = without(measured >= broadcast(_level(reference, settings.up, settings.up_absolute)), second)
+    down = second & (measured <= broadcast(_level(reference, settings.down, settings.down_absolute)))
     if bits(up | down) != 0:
         free = _free_lanes(s, k, e, settings.dwell)
         up, down = up & free, down & free
@@ -202,14 +202,15 @@ def switch_and_demand(s, jumps, k, c, other, up, down, states, others, settings,
     store(s, OTHER_LAST_OUTPUT, where(jumping, last, load(s, OTHER_LAST_OUTPUT)))
     store(s, LAST_OUTPUT, where(jumping, entered, last))
     store(s, MODE, mode)
-    store_where(s, APPLIED, jumping, saturate(new, choose, second, load(s, APPLIED)))
+    if settings.most_change < np.inf:
+        store_where(s, APPLIED, jumping, saturate(new, choose, second, load(s, APPLIED)))
     seen, d = load(s, LAST_ERROR), load(s, EXCESS)
-    v = on_error(new, choose, second, settings.fed, e, *setpoint)
+    v, limited = on_error(new, choose, second, settings.fed, e, *setpoint), bits(d != broadcast(0.0)) != 0
     for i in range(settings.sections):
         one, two = states + i * WIDTH, others + i * WIDTH
         x, held = load(s, one), load(s, two)
         if update_due:
-            x = next_state(s, own, select, before, one, i, seen, d)
+            x = next_state(s, own, select, before, one, i, seen, d, limited)
         # LLVM may make this a masked store, which is slow to read back; the other row is read soon
         store(s, two, where(jumping, x, held))
         if settings.inactive == RESET:

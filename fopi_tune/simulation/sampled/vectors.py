@@ -240,6 +240,12 @@ def bits(_typing: Any, mask: Any) -> Any:
 
 
 @_instruction
+def without(_typing: Any, mask: Any, other: Any) -> Any:
+    """The lanes of a mask that are not in the other."""
+    return _MASK(_MASK, _MASK), lambda _context, builder, _sig, args: builder.and_(args[0], builder.not_(args[1]))
+
+
+@_instruction
 def mask_from_bits(_typing: Any, word: Any) -> Any:
     """The mask of a whole number."""
 
