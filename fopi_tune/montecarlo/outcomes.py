@@ -21,12 +21,10 @@ from fopi_tune.montecarlo.sampling import SamplingDesign
 from fopi_tune.montecarlo.statistics import Fraction, Histogram, Quantile, histogram
 from fopi_tune.montecarlo.tally import IndexedValue, Worst
 from fopi_tune.simulation.measures import horizon_of, measure_values
-from fopi_tune.simulation.sampled.simulate import measure_chunks
+from fopi_tune.simulation.sampled.simulate import CHUNK, measure_chunks
 from fopi_tune.simulation.scenario import Mode, Scenario
 from fopi_tune.spec.model import Limit, Relation, Requirement, ScenarioSpec, ValidationSpec
 
-#: plants simulated at once; bounds the memory
-_SIMULATED = 8192
 #: how many of the worst plants are kept
 WORST_KEPT = 5
 #: called with (plants done, plants in all), and with the plants done of one pass over them
@@ -166,7 +164,7 @@ class PlantSampler:
         if not self.may_leave_box:
             return 0, 0
         plants = inside = 0
-        for draws in (self.classified(*chunk) for chunk in self.chunks(_SIMULATED, first, end)):
+        for draws in (self.classified(*chunk) for chunk in self.chunks(CHUNK, first, end)):
             plants += int(draws.is_plant.sum())
             inside += int(draws.inside.sum())
         return plants - inside, end - first - plants
@@ -209,7 +207,7 @@ class PlantSampler:
         start, end = block or (0, self.validation.samples)
         first = start
         horizon = horizon_of(scenario, run)
-        for measures in measure_chunks(modes, run, horizon, end - start, first=start, chunk=_SIMULATED):
+        for measures in measure_chunks(modes, run, horizon, end - start, first=start, chunk=CHUNK):
             draws = self.classified(first, first + len(measures.finite))
             flags = [measures.finite, ~measures.chattering]
             counts = [condition_tally(draws, each) for each in flags]
@@ -230,7 +228,7 @@ class PlantSampler:
     def joint_tally(self, met: Flags, first: int) -> FamilyTally:
         """The tally of the draws from `first` on, of which `met`, shape (m,), says which met everything."""
         parts = []
-        for chunk in self.chunks(_SIMULATED, first, first + len(met)):
+        for chunk in self.chunks(CHUNK, first, first + len(met)):
             parts.append(condition_tally(self.classified(*chunk), met[chunk[0] - first : chunk[1] - first]))
         return merge_family_tallies(parts)
 

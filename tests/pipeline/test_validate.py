@@ -116,7 +116,7 @@ def test_chunks_do_not_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = brake(samples=300)
     implementation = implementation_of(spec, GAINS)
     whole = monte_carlo(spec, GAINS, implementation)
-    monkeypatch.setattr(drawn, "_SIMULATED", 77)
+    monkeypatch.setattr(drawn, "CHUNK", 77)
     assert monte_carlo(spec, GAINS, implementation).limits == whole.limits
     monkeypatch.setattr(montecarlo, "SCANNED", 300)
     again = monte_carlo(spec, GAINS, implementation)

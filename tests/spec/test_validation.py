@@ -329,7 +329,7 @@ def test_a_draw_depends_on_seed_and_index_alone(written: str, design: str) -> No
 def test_chunks_do_not_change_the_evidence(written: str, monkeypatch: pytest.MonkeyPatch) -> None:
     spec = drawing(written, "samples: 400", SCENARIO)
     whole = evidence_of(spec)
-    monkeypatch.setattr(drawn_plants, "_SIMULATED", 37)
+    monkeypatch.setattr(drawn_plants, "CHUNK", 37)
     again = evidence_of(spec)
     assert again.limits == whole.limits
     assert (again.outside, again.no_plants) == (whole.outside, whole.no_plants)

@@ -46,7 +46,7 @@ from fopi_tune.simulation.sampled.mode_plants import Segments, discretize_modes
 from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
 from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scenario, Traces
 
-#: plants per chunk and thread; bounds the memory
+#: plants per chunk and thread; bounds the memory, and makes what is not compiled a small part of the time
 CHUNK = 16384
 
 
