@@ -35,6 +35,7 @@ def test_the_first_comments_are_understood() -> None:
         "manoeuvre_gain_1": {"simulate": 1},
         "manoeuvre_gain_10": {"simulate": 1},
         "filters": {"study": 3},
+        "duct_heater": {"run": 1},
     }
 
 
