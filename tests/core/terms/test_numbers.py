@@ -15,9 +15,13 @@ from fopi_tune.errors import DomainError
 
 
 def test_records_hold_plain_numbers_whatever_they_were_made_of() -> None:
+    # without types, as a type checker refuses NumPy's numbers where a float is asked for
+    half: Any = np.float32(0.5)
+    two: Any = np.int64(2)
+    order: Any = Fraction(1, 2)
+    three: Any = np.array(3.0)
     gains = FoPid(
-        np.float32(0.5), np.int64(2), Fraction(1, 2), np.array(3.0), np.float64(0.25), 0.125,
-        measurement_filter=MeasurementFilter(1, np.float32(0.5)),
+        half, two, order, three, np.float64(0.25), 0.125, measurement_filter=MeasurementFilter(1, half)
     )  # fmt: skip
     assert repr(gains) == (
         "FoPid(kp=0.5, ki=2.0, alpha=0.5, kd=3.0, mu=0.25, derivative_filter_time_constant_s=0.125, "
@@ -26,7 +30,7 @@ def test_records_hold_plain_numbers_whatever_they_were_made_of() -> None:
     plant = Plant(np.array([1]), [np.float32(0.5), 2], np.float64(0.25))  # pyright: ignore[reportArgumentType]
     assert plant == Plant((1.0,), (0.5, 2), 0.25)
     assert hash(plant) == hash(Plant((1.0,), (0.5, 2), 0.25))
-    number = Uncertain(np.float32(1.5), np.int64(1), 2)
+    number = Uncertain(half + 1, two - 1, 2)
     assert json.dumps([number.nominal, number.min, number.max, plant.denominator]) == "[1.5, 1.0, 2, [0.5, 2]]"
 
 
