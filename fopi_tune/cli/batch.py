@@ -165,13 +165,14 @@ def _process_one(
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure(spec.name, error, options.debug)
-    seconds, failed = time.perf_counter() - start, Exit.MET
+    failed = Exit.MET
     try:
         files += report_of_run(result, options.folder(spec)).items()
     except Exception as error:  # the result is kept even if its report fails
         failed = report_failure(f"{spec.name}: report", error, options.debug)
     stop_notes()
-    options.note(f"{spec.name}: {result.status} after {seconds:.1f} s")
+    # with the report, for which "still running after 5 s" was said too
+    options.note(f"{spec.name}: {result.status} after {time.perf_counter() - start:.1f} s")
     # The files are written before the table is printed, so that a closed stdout loses no result.
     problem = getattr(result, "problem", "")
     if problem:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from fopi_tune.core.terms.measurement_filter import (
     MeasurementFilter,
-    check_finite,
     filter_not_available,
     filter_numbers,
     filter_of,
 )
+from fopi_tune.core.terms.numbers import keep_plain
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -62,8 +62,7 @@ class FoPi:
         return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
     def __post_init__(self) -> None:
-        for name in ("kp", "ki", "alpha"):
-            check_finite(name, getattr(self, name))
+        keep_plain(self, "kp", "ki", "alpha")
         if not ALPHA_MIN < self.alpha < ALPHA_MAX:
             raise DomainError(f"alpha = {self.alpha!r} lies outside (0, 2); s^-alpha is an integrator only inside")
         if not isinstance(self.measurement_filter, MeasurementFilter | None):
@@ -113,8 +112,7 @@ class FoPid(FoPi):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in (*DERIVATIVE_NAMES, ORDER_NAME):
-            check_finite(name, getattr(self, name))
+        keep_plain(self, *DERIVATIVE_NAMES, ORDER_NAME)
         if not self.derivative_filter_time_constant_s > 0.0:
             raise DomainError(
                 f"derivative_filter_time_constant_s = {self.derivative_filter_time_constant_s!r} must be greater than "
@@ -154,6 +152,18 @@ class Pid(FoPid):
 
     alpha: float = field(default=1.0, init=False)
     mu: float = field(default=1.0, init=False, repr=False)
+
+
+def refuse_no_gains(gains: object) -> None:
+    """Refuse what is no controller, such as the gains of a design that was not solved.
+
+    Raises:
+        DomainError: it is none.
+    """
+    if gains is None:
+        raise DomainError("there are no gains (None); a design that is not solved has none: look at its status first")
+    if not isinstance(gains, FoPi):
+        raise DomainError(f"{gains!r:.100} is no controller; give a FoPi, Pid or FoPid, such as `gains` of a design")
 
 
 class Derivative(NamedTuple):

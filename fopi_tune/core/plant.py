@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.terms.numbers import keep_plain, plain_numbers
 from fopi_tune.errors import DomainError
 
 #: numerator and denominator coefficients in descending powers of s, then the dead time; of floats, arrays or symbols
@@ -42,8 +43,7 @@ class Uncertain:
     max: float
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(v) for v in (self.nominal, self.min, self.max)):
-            raise DomainError(f"{self} has a bound that is not finite")
+        keep_plain(self, "nominal", "min", "max")
         if self.min > self.max:
             raise DomainError(f"min {self.min!r} is greater than max {self.max!r}; swap them")
         if not self.min <= self.nominal <= self.max:
@@ -83,8 +83,11 @@ class Plant:
     dead_time_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(v) for v in (*self.numerator, *self.denominator, self.dead_time_s)):
-            raise DomainError("a plant's coefficients and dead time must be finite numbers")
+        for name in ("numerator", "denominator"):
+            object.__setattr__(self, name, plain_numbers(name, getattr(self, name)))
+        keep_plain(self, "dead_time_s")
+        if not all(math.isfinite(v) for v in (*self.numerator, *self.denominator)):
+            raise DomainError("a plant's coefficients must be finite numbers")
         if not any(self.numerator):
             raise DomainError("the numerator is 0: there is no plant to control")
         if not self.denominator or self.denominator[0] == 0.0:

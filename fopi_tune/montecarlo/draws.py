@@ -9,7 +9,6 @@ samples is used in its order.  A draw may lie outside the family's box, where no
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -22,6 +21,7 @@ from fopi_tune.core.distributions.distribution import Distribution
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.parameter_table import ParameterTable, not_uncertain, outside_box
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.terms.numbers import whole_number
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.sampling import SamplingDesign, unit_cube_points
 
@@ -56,9 +56,9 @@ class SamplingPlan:
     correlations: tuple[Correlation, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "seed", _whole("seed", self.seed))
+        object.__setattr__(self, "seed", whole_number("seed", self.seed))
         if self.total is not None:
-            object.__setattr__(self, "total", _whole("total", self.total))
+            object.__setattr__(self, "total", whole_number("total", self.total))
         unit_cube_points(self.design, self.seed, 0, 0, 0, self.total)
 
 
@@ -78,9 +78,9 @@ def sample_points(plan: SamplingPlan, family: PlantFamily, first: int, count: in
         DomainError: the range of indices is not the design's, or the source does not fit the family.
     """
     if isinstance(family, PlantList):
-        return _places(plan, family, _whole("first", first), _whole("count", count))
+        return _places(plan, family, whole_number("first", first), whole_number("count", count))
     names = family.uncertain_names
-    first, count = _whole("first", first), _whole("count", count)
+    first, count = whole_number("first", first), whole_number("count", count)
     if isinstance(plan.source, SampleList):
         return _rows(plan.source.table, family, first, count)
     if isinstance(plan.source, ParameterTable):
@@ -145,13 +145,3 @@ def _rows(table: ParameterTable, family: PlantFamily, first: int, count: int) ->
             f"draws {first} to {first + count - 1} were asked for; there are {len(table.rows)} samples, from 0 on"
         )
     return np.ascontiguousarray(table.rows[first : first + count, table.columns(family)])
-
-
-def _whole(name: str, value: int) -> int:
-    try:
-        whole = operator.index(value)
-    except TypeError:
-        raise DomainError(f"{name} = {value!r} is no whole number") from None
-    if whole < 0:
-        raise DomainError(f"{name} = {value!r} must be at least 0")
-    return whole

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.pipeline.tune_system import mode_gains
 from fopi_tune.proof import Verification, certify, verify
@@ -33,7 +33,9 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
         SpecError: the file cannot be read, or has mistakes.
         DomainError: the spec has no such section, it cannot be met (band, sample time, precision), or kp = ki = 0.
     """
-    return discretized(load_spec(source), gains, proof)
+    spec = load_spec(source)
+    refuse_no_gains(gains)
+    return discretized(spec, gains, proof)
 
 
 def discretized(spec: DesignSpec, gains: FoPi, proof: bool, found: Verification | None = None) -> Discretized:

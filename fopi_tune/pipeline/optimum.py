@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
+from fopi_tune.core.terms.numbers import plain_number
 from fopi_tune.pipeline.prove import other_text, with_digest_of
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.lists.members import refuse_list, refuse_measured
@@ -42,6 +43,9 @@ def certify_optimum(
     from fopi_tune.optimum import certify_optimum
 
     spec = load_spec(source)
+    if gains is not None:
+        refuse_no_gains(gains)
+    gap, time_limit_s = plain_number("gap", gap), plain_number("time_limit_s", time_limit_s)
     refuse_without_bound(spec)
     spec.controller.refuse_derivative_order("the proof of the optimum")
     return certify_optimum(spec, gains, gap=gap, time_limit_s=time_limit_s, progress=progress)

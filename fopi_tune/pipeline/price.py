@@ -25,7 +25,12 @@ def price(design: Design) -> Design:
 
     Returns:
         The design with a `price` for each requirement whose multiplier is not zero; unchanged unless it is solved.
+
+    Raises:
+        DomainError: another result, such as one that was loaded from a folder.
     """
+    if not isinstance(design, Design):
+        raise DomainError(f"a {type(design).__name__} has no multipliers to check; give the Design that tune returns")
     gains = design.gains
     if design.status is not Status.SOLVED or gains is None:
         return design

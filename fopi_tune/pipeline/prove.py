@@ -6,7 +6,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
+from fopi_tune.core.terms.numbers import plain_number
 from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.proof import Recheck, certify, verify
@@ -34,6 +35,8 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
             that cannot be made.
     """
     spec = load_spec(source)
+    refuse_no_gains(gains)
+    tolerance = plain_number("tolerance", tolerance)
     if not 0.0 < tolerance <= LARGEST_TOLERANCE:
         raise DomainError(
             f"tolerance = {tolerance!r} must be greater than 0 and at most {LARGEST_TOLERANCE:g}; 1e-6 is usual"

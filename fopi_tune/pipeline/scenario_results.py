@@ -14,6 +14,7 @@ from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parameter_table import why_impossible
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.terms.numbers import plain_number
 from fopi_tune.errors import DomainError
 from fopi_tune.results.simulation import JudgedStep, ScenarioResult
 from fopi_tune.simulation.notes import step_notes
@@ -207,11 +208,13 @@ def _drawn_point(family: PlantFamily, drawn: ValidationSpec, index: int) -> np.n
 
 
 def _named_point(family: PlantFamily, named: Mapping[str, float]) -> np.ndarray:
+    if not isinstance(named, Mapping):
+        raise DomainError(f"{named!r:.100} is no mapping of numbers by name; give plant={{'time_constant_s': 2.0}}")
     for name, value in named.items():
         if name not in family.uncertain_names:
             known = ", ".join(family.uncertain_names) or "none: every number is known"
             raise DomainError(f"{name!r} is no uncertain number of the plant; there is {known}")
-        if not math.isfinite(value):
+        if not math.isfinite(plain_number(name, value)):
             raise DomainError(f"{name} = {value!r} is no finite number")
     nominal = dict(zip(family.uncertain_names, family.nominal_point.tolist(), strict=True))
     return np.array([named.get(name, nominal[name]) for name in family.uncertain_names])
@@ -227,7 +230,7 @@ def refuse_accuracy(accuracy: float | None, exact: bool) -> None:
         return
     if not exact:
         raise DomainError("the loop on samples is exact at them; an accuracy belongs to exact")
-    if not 0.0 < accuracy < math.inf:
+    if not 0.0 < plain_number("accuracy", accuracy) < math.inf:
         raise DomainError(f"accuracy = {accuracy!r} must be finite and greater than 0")
 
 

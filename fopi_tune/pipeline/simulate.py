@@ -8,12 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.families.plant_list import named_place
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import Plant
+from fopi_tune.core.terms.numbers import whole_number
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.responses import default_of
 from fopi_tune.pipeline.scenario_results import (
@@ -71,7 +72,9 @@ def simulate(
     """
     from fopi_tune.digital.implementation import implementation_of
 
+    replay = None if replay is None else whole_number("replay", replay)
     spec = load_spec(source)
+    refuse_no_gains(gains)
     refuse_measured(spec, "a simulation")
     drawn = override_validation(spec.validation, samples, seed)
     spec = replace(spec, validation=drawn)

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError
@@ -80,6 +80,16 @@ def tune(
             spec asks for and that cannot be made, or the convex search of a spec with requirements on scenarios.
     """
     asked = load_spec(source)
+    if solver not in list(Solver):
+        raise DomainError(
+            f"there is no solver {solver!r}; there is {' and '.join(repr(each.value) for each in Solver)}"
+        )
+    solver = Solver(solver)
+    if not isinstance(start, FoPi | None):
+        from fopi_tune.design import Neighbour  # loads CasADi
+
+        if not isinstance(start, Neighbour):
+            refuse_no_gains(start)
     if solver is Solver.CONVEX:
         refuse_list(asked, "the convex search")
         refuse_fractional_family(asked.plant, "the convex search", "it has polynomials in s alone")

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.tune import tune
@@ -96,8 +96,8 @@ def mode_gains(system: SystemSpec, gains: Mapping[str, FoPi] | None, left_out: S
     Raises:
         DomainError: a mode that does not exist, or a spec or system that has no solution.
     """
+    refuse_unknown_modes(system, gains or {})
     given, found = dict(gains or {}), {}
-    refuse_unknown_modes(system, given)
     if not left_out and any(m.name not in given and m.gains is None for m in system.modes if m.name in system.tuned):
         designed = tune_system(system, given)
         if designed.status is not Status.SOLVED or designed.gains is None:
@@ -117,14 +117,20 @@ def mode_gains(system: SystemSpec, gains: Mapping[str, FoPi] | None, left_out: S
 
 
 def refuse_unknown_modes(system: SystemSpec, gains: Mapping[str, FoPi]) -> None:
-    """Refuse gains of a mode that does not exist.
+    """Refuse gains of a mode that does not exist, and what are no gains.
 
     Raises:
-        DomainError: there is no such mode.
+        DomainError: there is no such mode, or its gains are None or no controller.
     """
     names = [mode.name for mode in system.modes]
+    if not isinstance(gains, Mapping):
+        raise DomainError(
+            f"{gains!r:.100} is no mapping of gains by mode; give {{{names[0]!r}: ..., {names[1]!r}: ...}}"
+        )
     if unknown := [name for name in gains if name not in names]:
         raise DomainError(f"there is no mode {unknown[0]!r}; there is {' and '.join(names)}")
+    for each in gains.values():
+        refuse_no_gains(each)
 
 
 def _verified(system: SystemSpec, name: str, gains: FoPi) -> Verification:

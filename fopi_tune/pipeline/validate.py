@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.fractional_plants.family import ON_SAMPLES, refuse_fractional_family
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.terms.numbers import whole_number
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.progress import logged_progress
 from fopi_tune.pipeline.discretize import discretize
@@ -55,6 +56,7 @@ def validate(
     from fopi_tune.montecarlo.montecarlo import evidence_of, monte_carlo
 
     spec = load_spec(source)
+    refuse_no_gains(gains)
     refuse_measured(spec, "drawing plants")
     refuse_fractional_family(spec.plant, "Monte Carlo", ON_SAMPLES)
     spec = replace(spec, validation=override_validation(spec.validation, samples, seed))
@@ -96,9 +98,9 @@ def override_validation(validation: ValidationSpec | None, samples: int | None, 
         DomainError: a number of samples that is not positive, or more than the rows of a file of samples.
     """
     wanted = validation or ValidationSpec()
-    drawn, listed = wanted.samples if samples is None else samples, wanted.samples_file
+    drawn, listed = wanted.samples if samples is None else whole_number("samples", samples), wanted.samples_file
     if not 1 <= drawn <= _MOST_SAMPLES:
         raise DomainError(f"samples = {drawn} must be at least 1 and at most {_MOST_SAMPLES}")
     if listed is not None and drawn > len(listed.table.rows):
         raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
-    return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else seed)
+    return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else whole_number("seed", seed))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.terms.numbers import plain_number, whole_number
 from fopi_tune.errors import DomainError
 from fopi_tune.prices.feasible_end import end_of
 from fopi_tune.prices.limit import MovableLimit
@@ -72,12 +73,12 @@ def sweep(
 
 
 def _check(movable: MovableLimit, wanted: SweepRange) -> None:
-    if not 2 <= wanted.points <= _MOST_POINTS:
+    if not 2 <= whole_number("--points", wanted.points) <= _MOST_POINTS:
         raise DomainError(f"--points {wanted.points} must lie between 2 and {_MOST_POINTS}; 50 is usual")
     for option, value in (("--from", wanted.start), ("--to", wanted.stop)):
         if value is None:
             continue
-        if not math.isfinite(value):
+        if not math.isfinite(plain_number(option, value)):
             raise DomainError(f"{option} {value!r} is no finite number")
         problem = movable.quantity.check_limit(value)
         if problem:

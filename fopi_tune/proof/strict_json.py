@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import os
 from enum import StrEnum
 from typing import Any, TypeVar
 
@@ -31,6 +32,10 @@ class JsonObject:
     """
 
     def __init__(self, value: object, place: str) -> None:
+        if isinstance(value, str | os.PathLike) and not place:
+            raise CertificateError(
+                f"{value!r:.100} is text or a path, no object; give what json.load reads of the file"
+            )
         if not isinstance(value, dict):
             raise CertificateError(f"{place or 'the file'} is no object; this is not a file of this tool")
         self.value: dict[str, Any] = value

@@ -67,7 +67,13 @@ def spec(entries: Mapping[str, Any] | None = None, /, **more: Any) -> DesignSpec
 
     Raises:
         SpecError: not a usable spec; carries every problem found.
+        DomainError: something else than a mapping.
     """
+    if not isinstance(entries, Mapping | None):
+        raise DomainError(
+            f"a {type(entries).__name__} is no mapping of a spec's entries; give a dict or keywords, and "
+            "of a file or a text take load_spec"
+        )
     return load_spec({**(entries or {}), **more})
 
 
@@ -137,7 +143,8 @@ def load_system(source: Source | SystemSource) -> SystemSpec:
         return found
     collector = ProblemCollector(found.name if isinstance(source, SystemSpec | DesignSpec) else _place_of(source))
     collector.add(Mark(1, 1), "", "this is a spec, no system; a system has a section `system`")
-    raise collector.error()
+    with _of_python(source):
+        raise collector.error()
 
 
 def load_document(source: str | os.PathLike[str]) -> tuple[Place, str]:

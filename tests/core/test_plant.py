@@ -80,8 +80,8 @@ def test_leading_zeros_of_a_numerator_do_not_make_a_plant_improper() -> None:
         ((1.0, 2.0, 0.0), "greater than max"),
         ((5.0, 0.0, 2.0), "outside"),
         ((-1.0, 0.0, 2.0), "outside"),
-        ((math.nan, 0.0, 1.0), "not finite"),
-        ((0.5, 0.0, math.inf), "not finite"),
+        ((math.nan, 0.0, 1.0), "not a finite number"),
+        ((0.5, 0.0, math.inf), "not a finite number"),
     ],
 )
 def test_an_uncertain_number_refuses_an_impossible_range(arguments: tuple[float, float, float], message: str) -> None:

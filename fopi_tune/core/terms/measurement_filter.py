@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from fopi_tune.core.terms.numbers import keep_plain
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -53,9 +54,7 @@ class MeasurementFilter:
     def __post_init__(self) -> None:
         if isinstance(self.order, bool) or self.order not in FILTER_ORDERS:
             raise DomainError(f"a measurement filter of order {self.order!r} is not known; take 1 or 2")
-        if isinstance(self.time_constant_s, bool) or not isinstance(self.time_constant_s, int | float):
-            raise DomainError(f"time_constant_s = {self.time_constant_s!r} of the measurement filter is not a number")
-        check_finite("time_constant_s of the measurement filter", self.time_constant_s)
+        keep_plain(self, "time_constant_s")
         if not self.time_constant_s > 0.0:
             raise DomainError(f"time_constant_s = {self.time_constant_s!r} of a measurement filter must be above 0")
         if not _SMALLEST <= self.time_constant_s <= _LARGEST:
@@ -122,16 +121,6 @@ class MeasurementFilter:
         import numpy as np  # the command line reads gains before it needs arrays
 
         return np.asarray(1.0 / np.polyval(np.array(self.coefficients), np.asarray(s, dtype=complex)), dtype=complex)
-
-
-def check_finite(name: str, value: float) -> None:
-    """Refuse a gain that is no finite number.
-
-    Raises:
-        DomainError: it is not.
-    """
-    if not math.isfinite(value):
-        raise DomainError(f"{name} = {value!r} is not a finite number; give a finite gain")
 
 
 def filter_not_available(what: str) -> str:

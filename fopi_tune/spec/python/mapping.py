@@ -23,6 +23,8 @@ from fopi_tune.spec.yaml.problems import item_path, key_path
 #: what messages call a spec that is no file
 IN_PYTHON = "spec"
 _MOST_NESTED = 32
+#: whole numbers up to here are written with all their digits
+_LARGEST_WHOLE = 1e100
 
 
 @runtime_checkable
@@ -66,6 +68,8 @@ def _plain(value: Any, path: str, depth: int) -> Any:
     """What YAML has: mappings, lists, text, numbers, True and False."""
     if depth > _MOST_NESTED:
         _refuse(path, "is nested too deeply")
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
     if isinstance(value, Written):
         value = value.as_mapping()
     elif isinstance(value, FoPi):
@@ -105,10 +109,13 @@ def _scalar(value: Any, path: str) -> str | bool | int | float:
         return os.fsdecode(value)
     if isinstance(value, bool | np.bool_):
         return bool(value)
-    if isinstance(value, Integral):
-        return int(value)
     if isinstance(value, Real):
-        return float(value)
+        try:
+            size = abs(float(value))
+        except OverflowError:
+            _refuse(path, "the number is too large to be computed with; write at most 1e100")
+        # Python refuses to write out whole numbers of many digits
+        return int(value) if isinstance(value, Integral) and size <= _LARGEST_WHOLE else float(value)
     if value is None:
         _refuse(path, "None is no value of a spec; leave the key out")
     return _refuse(path, f"a {type(value).__name__} is no value of a spec; write a number, text, a list or a mapping")

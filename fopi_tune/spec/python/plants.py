@@ -14,6 +14,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import Uncertain
+from fopi_tune.core.terms.numbers import plain_number, plain_numbers
 from fopi_tune.errors import DomainError
 
 #: an exact number, or a range
@@ -96,9 +97,13 @@ class TransferFunction(_PlantModel):
 
 def _range(name: str, before: Any, ends: Range) -> Uncertain:
     nominal = before.nominal if isinstance(before, Uncertain) else before
-    if not isinstance(nominal, int | float):
+    if isinstance(nominal, Sequence | np.ndarray) and not isinstance(nominal, str):
         raise DomainError(f"{name} is a list; name one of its numbers, such as {name}[0]")
-    low, middle, high = (ends[0], nominal, ends[1]) if len(ends) == 2 else ends
+    given = plain_numbers(name, ends)
+    if len(given) not in (2, 3):
+        raise DomainError(f"{name} has {len(given)} ends; give (min, max), or (min, nominal, max)")
+    middle = float(given[1] if len(given) == 3 else plain_number(name, nominal))
+    low, high = float(given[0]), float(given[-1])
     if not low <= middle <= high:
         raise DomainError(f"{name}: {low!r} to {high!r} does not enclose the nominal value {middle!r}")
-    return Uncertain(float(middle), float(low), float(high))
+    return Uncertain(middle, low, high)

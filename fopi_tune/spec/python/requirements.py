@@ -85,6 +85,12 @@ class RequirementWord:
     def __eq__(self, limit: object) -> RequirementExpression:  # pyright: ignore[reportIncompatibleMethodOverride]
         return self._asked("equals", limit)
 
+    def __gt__(self, limit: object) -> RequirementExpression:
+        raise DomainError(f"a limit may be reached: write {self.name} >= {limit!r}")
+
+    def __lt__(self, limit: object) -> RequirementExpression:
+        raise DomainError(f"a limit may be reached: write {self.name} <= {limit!r}")
+
     def between(self, low: float, high: float) -> RequirementExpression:
         """At least `low` and at most `high`, in the word's unit."""
         return self._asked("between", [low, high])

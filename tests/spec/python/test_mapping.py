@@ -134,3 +134,21 @@ def test_a_spec_that_was_changed_has_another_hash_and_a_text_that_says_the_same(
     again = ft.load_spec(changed.to_yaml())
     assert again.content_sha256 == ft.load_spec(changed).content_sha256 != made.content_sha256
     assert again.description == "slower"
+
+
+@pytest.mark.parametrize("entries", ["spec.yaml", [1], 3])
+def test_entries_that_are_no_mapping_are_told(entries: Any) -> None:
+    with pytest.raises(ft.DomainError, match="no mapping of a spec's entries; give a dict or keywords"):
+        ft.spec(entries)
+
+
+@pytest.mark.parametrize("digits", [400, 5000])
+def test_a_number_beyond_every_float_is_told_by_its_place(digits: int) -> None:
+    number = -(10**digits)
+    with pytest.raises(ft.SpecError, match=r"plant\.static_gain: the number is too large"):
+        ft.spec(PI, plant={"model": "lag", "static_gain": number, "time_constant_s": 1})
+
+
+def test_an_array_without_dimensions_is_its_number() -> None:
+    plant = {"model": "lag", "static_gain": np.array(1.5), "time_constant_s": 1}
+    assert ft.spec(PI, plant=plant).plant.parameters["static_gain"].nominal == 1.5

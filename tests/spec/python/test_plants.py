@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import fopi_tune as ft
@@ -44,3 +45,15 @@ def test_ranges_enclose_the_nominal_value() -> None:
         ft.TransferFunction([1.0], [1.0, 1.0]).uncertain(numerator=(0.0, 1.0))
     with pytest.raises(ft.DomainError, match="is no number of this TransferFunction"):
         ft.TransferFunction([1.0], [1.0, 1.0]).uncertain({"numerator[3]": (0.0, 1.0)})
+
+
+def test_whole_coefficients_of_numpy_become_ranges() -> None:
+    plant = ft.TransferFunction(np.array([1]), np.array([1, 2])).uncertain({"denominator[1]": (1, 3)})
+    assert tuple(plant.denominator) == (1, ft.Uncertain(2.0, 1.0, 3.0))
+
+
+def test_ends_that_are_no_range_are_refused() -> None:
+    with pytest.raises(ft.DomainError, match="time_constant_s = 3 is not a list of numbers"):
+        ft.Lag(1.0, 2.0).uncertain(time_constant_s=3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ft.DomainError, match="time_constant_s has 1 ends"):
+        ft.Lag(1.0, 2.0).uncertain(time_constant_s=(3,))  # pyright: ignore[reportArgumentType]

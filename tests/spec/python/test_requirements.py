@@ -41,3 +41,10 @@ def test_every_word_of_the_language_is_there() -> None:
 def test_two_limits_in_one_comparison_are_refused() -> None:
     with pytest.raises(ft.DomainError, match=r"crossover_rad_s\.between\(low, high\)"):
         assert 0.2 <= ft.crossover_rad_s <= 0.3
+
+
+def test_a_limit_that_may_not_be_reached_is_refused() -> None:
+    with pytest.raises(ft.DomainError, match="write phase_margin_deg >= 60"):
+        ft.phase_margin_deg > 60  # noqa: B015  # pyright: ignore[reportUnusedExpression]
+    with pytest.raises(ft.DomainError, match="write sensitivity_db <= 6"):
+        ft.sensitivity_db < 6  # noqa: B015  # pyright: ignore[reportUnusedExpression]

@@ -1,0 +1,75 @@
+"""Numbers that people give in Python:  NumPy's, fractions and others become Python's own, all else is refused by name.
+
+Results, documents and hashes then hold plain numbers, whatever a controller or a plant was made of.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterable
+from numbers import Real
+from typing import Any
+
+from fopi_tune.errors import DomainError
+
+
+def plain_number(name: str, value: Any) -> float:
+    """A number as Python's float, or int where it was one.
+
+    Args:
+        name: what messages call it.
+        value: a real number, or an array without dimensions that holds one; its unit is kept.
+
+    Raises:
+        DomainError: it is none.
+    """
+    if type(value) is float:
+        return value
+    held = value.item() if getattr(value, "ndim", None) == 0 else value
+    # yes and no are numbers to Python, and never meant as ones here
+    if isinstance(held, bool) or not isinstance(held, Real):
+        raise DomainError(f"{name} = {value!r} is not a number; give a number")
+    try:
+        return value if type(value) is int and math.isfinite(value) else float(held)
+    except OverflowError:  # not quoted, as Python refuses to write out whole numbers of many digits
+        raise DomainError(f"{name} is not a number that can be computed with; give at most 1e100") from None
+
+
+def plain_numbers(name: str, values: Any) -> tuple[float, ...]:
+    """The same of a sequence of numbers, or an array of one dimension.
+
+    Raises:
+        DomainError: it is no sequence, or one of its entries is no number.
+    """
+    if isinstance(values, str | bytes) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) != 1:
+        raise DomainError(f"{name} = {values!r} is not a list of numbers; give a list, such as [1.0]")
+    return tuple(plain_number(f"{name}[{index}]", value) for index, value in enumerate(values))
+
+
+def keep_plain(record: Any, *names: str) -> None:
+    """Replace fields of a frozen dataclass, in its `__post_init__`, by plain numbers that are finite.
+
+    Raises:
+        DomainError: one of them is no finite number.
+    """
+    for name in names:
+        value = plain_number(name, getattr(record, name))
+        if not math.isfinite(value):
+            raise DomainError(f"{name} = {getattr(record, name)!r} is not a finite number; give a finite number")
+        object.__setattr__(record, name, value)
+
+
+def whole_number(name: str, value: Any, least: int = 0) -> int:
+    """A whole number as Python's int.
+
+    Raises:
+        DomainError: it is none, or below `least`.
+    """
+    try:
+        whole = operator.index(value)
+    except TypeError:
+        raise DomainError(f"{name} = {value!r} is no whole number; give one, such as {max(least, 1)}") from None
+    if whole < least:
+        raise DomainError(f"{name} = {value!r} must be at least {least}")
+    return whole
