@@ -91,8 +91,9 @@ def read_system(place: Place, sha256: str, loader: SpecLoader, read: FileReader)
     requirements: list[PlacedLimit] = values.get("requirements") or []
     limits = [*requirements, *(values.get("limits") or [])]
     refuse_impossible_limits([each for each in requirements if each is not None])
-    refuse_unknown_scenarios(values.get("scenarios") or [], limits, place)
-    objective = _checked_objective(values, requirements, place)
+    if values.get("scenarios") is not None:  # else reported already
+        refuse_unknown_scenarios(values["scenarios"], limits, place)
+    objective = _checked_objective(values, requirements, place, names or FAMILIAR)
     modes_section = values.get(SYSTEM)
     if modes_section is None or names is None or place.collector.problems:
         return None
@@ -169,7 +170,9 @@ def _objective_shape() -> Record:
     )  # fmt: skip
 
 
-def _checked_objective(values: Values, requirements: list[PlacedLimit], place: Place) -> Objective | None:
+def _checked_objective(
+    values: Values, requirements: list[PlacedLimit], place: Place, names: tuple[str, str]
+) -> Objective | None:
     """The objective with its scenario, after reporting what is missing for a design."""
     objective: Objective | None = values.get("objective")
     if place.has("tune") and objective is None and not place.has("objective"):
@@ -177,11 +180,14 @@ def _checked_objective(values: Values, requirements: list[PlacedLimit], place: P
     if objective is None:
         return None
     if not place.has("tune"):
-        place.child("objective").refuse("whose gains? add tune: with the names of one mode or both, such as [brake]")
-    objective = with_scenario(objective, values.get("scenarios") or [], place.child("objective"))
-    names = {objective.scenario, *(each.limit.scenario for each in requirements)}
-    for index, scenario in enumerate(values.get("scenarios") or []):
-        if scenario.quantum and (None in names or scenario.name in names):
+        advice = f"whose gains? add tune: with the names of one mode or both, such as [{names[1]}]"
+        place.child("objective").refuse(advice)
+    if (scenarios := values.get("scenarios")) is None:
+        return None  # reported already
+    objective = with_scenario(objective, scenarios, place.child("objective"))
+    judged = {objective.scenario, *(each.limit.scenario for each in requirements)}
+    for index, scenario in enumerate(scenarios):
+        if scenario.quantum and (None in judged or scenario.name in judged):
             place.child("scenarios").item(index).child("quantum").refuse(QUANTUM)
     return objective
 

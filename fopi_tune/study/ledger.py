@@ -8,6 +8,7 @@ used when the study has them again.  One process writes.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import sqlite3
@@ -23,15 +24,18 @@ from fopi_tune.study.worker import CellResult
 #: the file in a study's folder
 LEDGER = "ledger.sqlite"
 _LOCK = "ledger.lock"
-#: `user_version` of the file
-_FORMAT = 1
+#: `user_version` of the file; format 1 had no digests
+_FORMAT = 2
 _TABLES = """
 CREATE TABLE IF NOT EXISTS results (
-    key TEXT PRIMARY KEY, failed INTEGER NOT NULL, document TEXT NOT NULL, reason TEXT NOT NULL, seconds REAL NOT NULL
+    key TEXT PRIMARY KEY, failed INTEGER NOT NULL, document TEXT NOT NULL, reason TEXT NOT NULL, seconds REAL NOT NULL,
+    digest TEXT NOT NULL DEFAULT ''
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS plan (position INTEGER PRIMARY KEY, key TEXT NOT NULL, label TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 """
+#: results of format 1 are of other sources of this package, so that none is ever used
+_ADD_DIGESTS = "ALTER TABLE results ADD COLUMN digest TEXT NOT NULL DEFAULT '';"
 
 
 class LedgerError(DomainError):
@@ -93,9 +97,12 @@ class Ledger:
 
     def record(self, results: Iterable[CellResult]) -> None:
         """Store results in one transaction; earlier results of the same cells are replaced."""
-        rows = [(r.key, int(r.failed), r.document, r.reason, r.seconds) for r in results]
+        rows = [
+            (r.key, int(r.failed), r.document, r.reason, r.seconds, _digest(r.key, int(r.failed), r.document, r.reason))
+            for r in results
+        ]
         with self._transaction() as connection:
-            connection.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?)", rows)
+            connection.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?, ?, ?)", rows)
 
     def forget_failed(self, study: Study, versions: Mapping[str, str]) -> None:
         """Delete the results of a study's failed cells, so that they are run again."""
@@ -121,15 +128,19 @@ class Ledger:
         return self._fetch_all(f"{query} ORDER BY p.position")
 
     def results(self) -> Iterator[tuple[int, CellResult]]:
-        """Index and result of every cell of the plan that was run, in order."""
-        query = "SELECT p.position, r.key, r.document, r.reason, r.seconds FROM plan p JOIN results r USING (key)"
+        """Index and result of every cell of the plan that was run, in order.
+
+        Raises:
+            LedgerError: it cannot be read, or has something else than what was recorded.
+        """
+        query = "SELECT p.position, r.key, r.failed, r.document, r.reason, r.seconds, r.digest FROM plan p"
         with self._errors_translated():
-            for position, *found in self._connection.execute(f"{query} ORDER BY p.position"):
-                result = CellResult(*found)
-                if not _is_document(result.document):
+            rows_found = self._connection.execute(f"{query} JOIN results r USING (key) ORDER BY p.position")
+            for position, key, failed, document, reason, seconds, digest in rows_found:
+                if _digest(key, failed, document, reason) != digest:
                     message = f"what {self.path} has of cell {position + 1} is damaged"
                     raise LedgerError(f"{message}; move the file away to begin anew, or choose another --out")
-                yield position, result
+                yield position, CellResult(key, document, reason, seconds)
 
     def document_of(self, index: int) -> str:
         """The result of a cell of the plan, as JSON."""
@@ -180,9 +191,9 @@ def open_ledger(folder: Path) -> Iterator[Ledger]:
             connection.execute("PRAGMA journal_mode = WAL")
             # commits survive the end of this process; a power failure may lose the last ones but leaves a valid file
             connection.execute("PRAGMA synchronous = NORMAL")
-            _check_format(connection, path)
+            older = _ADD_DIGESTS if _check_format(connection, path) == 1 else ""
             # in one transaction: a file with tables but without a format counts as another program's
-            connection.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {_FORMAT}; COMMIT;")
+            connection.executescript(f"BEGIN; {_TABLES} {older} PRAGMA user_version = {_FORMAT}; COMMIT;")
         except sqlite3.Error as error:
             raise _unusable_error(path, error) from error
         yield Ledger(connection, path)
@@ -218,11 +229,9 @@ def cell_keys(cells: Sequence[Cell], versions: Mapping[str, str]) -> list[str]:
     return [cell.key(versions) for cell in cells]
 
 
-def _is_document(text: object) -> bool:
-    try:
-        return isinstance(text, str) and isinstance(json.loads(text), dict)
-    except ValueError:
-        return False
+def _digest(*recorded: object) -> str:
+    """SHA-256 of what was recorded of a cell: SQLite sees no change within a text or a number."""
+    return hashlib.sha256("\0".join(map(str, recorded)).encode()).hexdigest()
 
 
 def _connect(path: Path, target: str, uri: bool) -> sqlite3.Connection:

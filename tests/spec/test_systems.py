@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from cases.two_modes import write as rig_file
 
 from fopi_tune.errors import SpecError
 from fopi_tune.spec.load import load_system
@@ -35,3 +36,21 @@ def test_what_is_no_requirement_of_a_system(tmp_path: Path, requirements: str) -
         load_system(tmp_path / "s.yaml")
     (problem,) = refused.value.problems
     assert f"{problem.path}: {problem.message}".partition(".")[2].startswith(REFUSED[requirements])
+
+
+@pytest.mark.parametrize("beside", ["limits: [{iae: {at_most: 3}}]", "requirements: [{iae: {at_most: 3}}]"])
+def test_a_scenario_that_cannot_be_read_is_not_missed_by_what_is_about_it(tmp_path: Path, beside: str) -> None:
+    path = rig_file(tmp_path, more=f"tune: [fan]\nobjective: {{minimize: iae, scenario: day}}\n{beside}")
+    path.write_text(path.read_text(encoding="utf-8").replace("duration_s: 40", "duration_s: -40"), encoding="utf-8")
+    with pytest.raises(SpecError) as caught:
+        load_system(path)
+    assert not [
+        str(each) for each in caught.value.problems if "no scenario" in str(each) or "there is none" in str(each)
+    ]
+    assert "duration_s: -40 is out of range" in str(caught.value)
+
+
+def test_an_objective_without_gains_to_tune_is_told_the_systems_own_modes(tmp_path: Path) -> None:
+    path = rig_file(tmp_path, more="objective: {minimize: iae}")
+    with pytest.raises(SpecError, match=r"whose gains\? add tune: with the names of one mode or both, such as \[fan\]"):
+        load_system(path)

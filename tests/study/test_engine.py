@@ -652,14 +652,34 @@ def test_a_file_of_samples_that_changes_changes_its_cell(folder: Path) -> None:
     assert keys[0] != keys[1]
 
 
-@pytest.mark.parametrize("damage", ["not json", "[1]", "", "NaN"])
+@pytest.mark.parametrize(
+    "damage",
+    ["document = 'not json'", "document = '[1]'", "document = ''", "document = '{}'",
+     "document = replace(document, '0.385', '0.386')", "document = replace(document, 'met', 'great')",
+     "document = '{\"a\":' || replace(hex(zeroblob(50000)), '00', '[') || '}'", "document = x'ff00'",
+     "failed = 1", "failed = 7", "reason = 'lost'"],
+)  # fmt: skip
 def test_a_result_that_was_damaged_is_no_row(folder: Path, damage: str) -> None:
     cells = study("stages: [prove]")
     run(cells, folder / "out", HERE)
     with contextlib.closing(sqlite3.connect(folder / "out" / LEDGER)) as connection, connection:
-        connection.execute("UPDATE results SET document = ?", (damage,))
+        connection.execute(f"UPDATE results SET {damage}")
     with pytest.raises(LedgerError, match="has of cell 1 is damaged; move the file away"):
         run(cells, folder / "out", HERE)
+
+
+def test_a_ledger_without_digests_is_gone_on_with(folder: Path) -> None:
+    cells = study("stages: [prove]")
+    whole = run(cells, folder / "out", HERE).table.rows
+    with contextlib.closing(sqlite3.connect(folder / "out" / LEDGER)) as connection, connection:
+        connection.execute("ALTER TABLE results DROP COLUMN digest")
+        # what it has is of other sources
+        connection.execute("UPDATE results SET key = 'earlier'")
+        connection.execute("PRAGMA user_version = 1")
+    with read_ledger(folder / "out") as ledger:
+        assert ledger.counts() == Counts(1, 0, 0)
+    for _ in range(2):
+        assert run(cells, folder / "out", HERE).table.rows == whole
 
 
 def test_a_finished_study_can_be_looked_at_where_nothing_can_be_written(
