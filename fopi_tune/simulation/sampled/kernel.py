@@ -104,7 +104,8 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, setpoint, rate,
     # with checks the states were updated at the end of the last sample
     update_due = k > 0 and not check_finite
     switching_stages.expire_switches(s, jumps, k, settings.window)
-    crossing = False
+    # a loop alone crosses no line
+    up, down, crossing = second, second, False
     if settings.hybrid:
         up, down = switching_stages.line_crossings(s, k, measured, r, e, settings)
         crossing = bits(up | down) != 0
