@@ -11,6 +11,7 @@ from fopi_tune.report.text.formatting import (
     NO_MARGIN,
     TIE,
     endless_phrase,
+    missed_digits,
     number,
     requirement_phrase,
     scope_phrase,
@@ -18,6 +19,7 @@ from fopi_tune.report.text.formatting import (
     verdict_word,
     with_unit,
 )
+from fopi_tune.spec.model import Requirement
 
 #: verdict -> a symbol that is readable without colour
 _SIGNS = {"proved": "✓", "met": "✓", "violated": "✗", "undecided": "?"}
@@ -83,7 +85,7 @@ def _row(found: ReportedRequirement, objective: float | None) -> RequirementRow:
         sign=_SIGNS.get(verdict, "–"),
         what=requirement_phrase(requirement),
         scope=scope_phrase(requirement),
-        achieved=_achieved(said),
+        achieved=_achieved(said, requirement),
         score=score_phrase(requirement, said["score"] if has_score else None, said["achieved"]).replace("-", "–"),
         worst=_worst(found),
         proved="" if proof is None else _proved(proof),
@@ -101,9 +103,10 @@ def _worst(found: ReportedRequirement) -> str:
     return endless if found.reported["met"] else f"{endless} {place}".rstrip()
 
 
-def _achieved(said: Mapping[str, Any]) -> str:
+def _achieved(said: Mapping[str, Any], requirement: Requirement) -> str:
     if said["achieved"] is not None:
-        return number(said.get("achieved_at_worst", said["achieved"]), 5 if said["met"] else 9)
+        digits = 5 if said["met"] else missed_digits(said["achieved"], requirement.limits)
+        return number(said.get("achieved_at_worst", said["achieved"]), digits)
     names = {
         "no_crossover": "no crossover",
         "unstable": NO_MARGIN,

@@ -34,6 +34,9 @@ _OWN = {
     "loop_gain_db": f"|L|{TIE}dB",
 }
 _SIGNS = {">=": "≥", "<=": "≤"}
+#: a relation as specs write it, before its value
+_SPELT = re.compile(r" (at_least|at_most|equals) (?=-?[0-9])")
+_SPELT_SIGNS = {"at_least": ">=", "at_most": "<=", "equals": "="}
 #: every identifier that pages put into words; a family's own names stay as they were written
 _KNOWN = {
     *QUANTITIES, *MEASURES, *(kind.value for kind in ObjectiveKind),
@@ -81,6 +84,7 @@ def in_words(text: str) -> str:
     def word(found: re.Match[str]) -> str:
         return {"omega": "ω", "alpha": "α", "mu": "μ"}.get(found[0], name_and_unit(found[0])[0])
 
+    text = _SPELT.sub(lambda found: f" {_SPELT_SIGNS[found[1]]} ", text)
     said = _WORD.sub(word, _RELATION.sub(relation, _OF_MODE.sub(of_mode, text)))
     for sign, shown in _SIGNS.items():
         said = said.replace(sign, shown)

@@ -21,6 +21,7 @@ from fopi_tune.spec.measures import MEASURES
         ("peak_rate_per_s <= 2", f"peak rate ≤ 2{TIE}per s"),
         ("at brake.time_constant_s = 1.6", f"at brake time constant = 1.6{TIE}s"),
         ("omega, rad/s", "ω, rad/s"),
+        ("crossover_rad_s at_least 2.5 (family)", f"crossover ≥ 2.5{TIE}rad/s (family)"),
         ("minimize phase_margin_spread_deg", "minimize phase margin spread"),
     ],
 )

@@ -26,6 +26,7 @@ from fopi_tune.report.text.formatting import (
     exact_limit,
     gains_lines,
     margins_phrase,
+    missed_digits,
     number,
     requirement_phrase,
     scope_phrase,
@@ -203,10 +204,7 @@ def _achieved(requirement: Requirement, result: RequirementResult | None) -> str
         return "no margin" if result.outcome is Outcome.UNSTABLE else "no crossover"
     if math.isinf(result.achieved):
         return "infinite" if result.achieved > 0 else "-infinite"
-    # Never print a missed limit as if it were reached.
-    digits = 5
-    while not result.is_met and digits < 9 and float(f"{result.achieved:.{digits}g}") in requirement.limits:
-        digits += 1
+    digits = 5 if result.is_met else missed_digits(result.achieved, requirement.limits)
     return number(requirement.value_at(result.achieved, result.worst.omega_rad_s), digits)
 
 

@@ -39,6 +39,11 @@ def requirement_phrase(requirement: Requirement) -> str:
     return f"{requirement.quantity} {_SIGNS[requirement.relation]} {limits[0]}{end}"
 
 
+def missed_digits(value: float, limits: Sequence[float]) -> int:
+    """With how many digits, 5 to 9, a value that misses its limits is not shown as one of them."""
+    return next((digits for digits in range(5, 9) if float(f"{value:.{digits}g}") not in limits), 9)
+
+
 def verdict_word(met: bool | None, proof: str | None) -> str:
     """The verdict on a requirement, the same word in every table.
 

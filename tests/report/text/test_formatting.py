@@ -10,7 +10,14 @@ import pytest
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.margins import margins
 from fopi_tune.core.plant import Plant
-from fopi_tune.report.text.formatting import TIE, drawn_phrase, endless_phrase, gains_lines, margins_phrase
+from fopi_tune.report.text.formatting import (
+    TIE,
+    drawn_phrase,
+    endless_phrase,
+    gains_lines,
+    margins_phrase,
+    missed_digits,
+)
 from fopi_tune.results.documents import margins_dict
 
 LAG = Plant((1.0,), (1.0, 1.0))
@@ -122,3 +129,9 @@ def test_a_modes_name_of_any_length_stands_apart_from_its_gains(name: str) -> No
     assert fan.startswith("fan       kp = 0.07 ")
     assert line.startswith(f"{name} ")
     assert len(line) <= 80
+
+
+def test_a_value_that_misses_a_limit_has_the_digits_that_tell_them_apart() -> None:
+    assert missed_digits(14.6040615, (60.0,)) == 5
+    assert missed_digits(59.99999, (60.0,)) == 7
+    assert missed_digits(60.0 - 1e-12, (60.0,)) == 9
