@@ -25,11 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array, Rows
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.crossings import Crossings, gain_crossovers, phase_crossovers
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable
+from fopi_tune.errors import DomainError
 
 #: neper; |L| this close to 1 at the upper end of the axis does not fall below it
 _AT_ONE = 1e-12
@@ -158,8 +159,11 @@ def margins(controller: FoPi, plant: Plant) -> Margins:
     """The margins of one controller with one plant.
 
     Raises:
-        DomainError: kp = ki = 0.
+        DomainError: kp = ki = 0, or one of the two is something else.
     """
+    refuse_no_gains(controller)
+    if not isinstance(plant, Plant):
+        raise DomainError(f"{plant!r:.100} is no plant; give one, such as Plant([1], [2, 1])")
     return margins_of(Loops.of(controller, Plants.of(plant)))
 
 

@@ -55,6 +55,8 @@ def test_what_are_no_gains_of_a_system_is_told(call: Callable[..., Any], gains: 
         (lambda: ft.simulate(SPEC, GAINS, plant=[1.5]), "no mapping of numbers by name"),
         (lambda: ft.simulate(SPEC, GAINS, plant={"time_constant_s": "1.5"}), "time_constant_s = '1.5' is not a number"),
         (lambda: ft.simulate_system(CAR, replay="a"), "replay = 'a' is no whole number"),
+        (lambda: ft.margins(None, ft.Plant([1], [1, 1])), "there are no gains"),
+        (lambda: ft.margins(GAINS, SPEC.plant), "is no plant; give one"),
     ],
 )
 def test_other_arguments_that_are_none_are_told(call: Callable[[], Any], told: str) -> None:
