@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
 from fopi_tune.core.families.plant_list import PlantList
@@ -99,18 +99,24 @@ def _family(family: PlantFamily) -> str:
     named = {name: value for name, value in family.parameters.items() if value != Uncertain(0.0, 0.0, 0.0)}
     formula = _FORMULAS.get(family.model, family.model.replace("_", " "))
     if family.model == "transfer_function":
-        top, bottom = (_polynomial(family, name) for name in ("numerator", "denominator"))
-        late = " e^(−Ls)" if "dead_time_s" in named else ""
-        formula = f"P(s) = ({top}){late}/({bottom}), the nominal one"
+        formula = _nominal(family, " e^(−Ls)" if "dead_time_s" in named else "")
         named = {name: value for name, value in named.items() if not value.is_exact or name == "dead_time_s"}
+    if family.model == "expressions":
+        late = family.member(family.nominal_point).dead_time_s
+        formula = _nominal(family, f" e^(−{number(late)} s)" if late else "")
     numbers = [f"{name_and_unit(name)[0]}{_range(value, name_and_unit(name)[1])}" for name, value in named.items()]
     shown = numbers[:_MOST] + ([f"and {len(numbers) - _MOST} more"] if len(numbers) > _MOST else [])
     return ": ".join(part for part in (formula, ", ".join(shown)) if part)
 
 
-def _polynomial(family: PlantFamily, which: str) -> str:
-    """The nominal polynomial: "s² + 1.2 s + 1"."""
-    values = [value.nominal for name, value in family.parameters.items() if name.startswith(f"{which}[")]
+def _nominal(family: PlantFamily, late: str) -> str:
+    """The nominal transfer function, with the factor of its dead time."""
+    plant = family.member(family.nominal_point)
+    return f"P(s) = ({_polynomial(plant.numerator)}){late}/({_polynomial(plant.denominator)}), the nominal one"
+
+
+def _polynomial(values: Sequence[float]) -> str:
+    """A polynomial of descending powers: "s^2 + 1.2 s + 1"."""
     terms = []
     for power, value in zip(range(len(values) - 1, -1, -1), values, strict=True):
         unit = "" if power == 0 else "s" if power == 1 else f"s^{power}"

@@ -33,6 +33,15 @@ def test_a_transfer_function_is_told_by_its_polynomials_and_its_ranges() -> None
     assert said == "P(s) = (s − 2)/(s^2 + 1.2 s), the nominal one: denominator[1] 1.2, anywhere in [0.9, 1.5]"
 
 
+def test_a_plant_of_expressions_is_told_by_its_nominal_polynomials_and_its_own_numbers() -> None:
+    parameters = "{K: {nominal: 1.5, min: 1, max: 2}, w: 3}"
+    shape = "numerator: [K*w**2], denominator: [1, w, w**2], dead_time_s: 0.1"
+    plant = f"{{model: transfer_function, parameters: {parameters}, {shape}}}"
+    text = re.sub(r"plant:\n(?:  .*\n)+", f"plant: {plant}\n", BRAKE)
+    said = dict(head_of(replace(brake_documents(), spec=parse_spec(text))))["plant"]
+    assert said == "P(s) = (13.5) e^(−0.1 s)/(s^2 + 3 s + 9), the nominal one: K 1.5, anywhere in [1, 2], w 3"
+
+
 def test_links_are_to_the_files_that_a_run_writes() -> None:
     without = documents_of_run(run_of(BRAKE.replace("digital:", "# digital:").replace("validation:", "# validation:")))
     assert [file for file, _ in files_of_page(without, certificate=False)] == ["spec.yaml", "design.json"]
