@@ -41,9 +41,7 @@ _RECORDING = "time_s,input,output\n" + "".join(
     f"{k},{int(k >= 10)},{max(0.0, 2.0 * (1 - 0.7 ** (k - 12))) if k > 12 else 0.0:.6f}\n" for k in range(40)
 )
 #: seconds and bytes that a command may take for a file of a few KiB; the base is what the libraries take
-MOST_CPU_S = 5.0
-#: the libraries of a report or of a design for scenarios, loaded, take 300 MiB
-MOST_BYTES = 350 * 2**20
+MOST_CPU_S, MOST_BYTES = 5.0, 300 * 2**20
 #: of the clock, until a command is taken to hang; other processes may need the processor
 _MOST_WALL_S = 120
 #: copies of the good files, below the folder

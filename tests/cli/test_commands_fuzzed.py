@@ -86,10 +86,8 @@ def check_in_this_process(targets: Sequence[Target], folder: Path, chance: rando
 
 @pytest.mark.parametrize("count", [20, pytest.param(45, marks=pytest.mark.long)])
 def test_damaged_specs_studies_and_recordings_are_read_or_refused(files: Path, count: int) -> None:
-    targets = spec_targets(files)
-    # how many damaged ones can still be read is chance
-    assert fopi(*targets[-1].arguments).exit_code == 0
-    assert 2 in check_in_this_process(targets, files, random.Random(1), count)
+    # a seed with which some of the damaged ones can still be read
+    assert {0, 2} <= check_in_this_process(spec_targets(files), files, random.Random(2), count)
 
 
 def test_damaged_results_and_certificates_are_read_or_refused(files: Path) -> None:

@@ -9,21 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases.project import ROOT
 
 import fopi_tune
 
 #: without types, as what a type checker refuses is given on purpose
 ft: Any = fopi_tune
 
-SPEC = ft.parse_spec("""\
-schema: 1
-name: small
-plant: {model: lag, static_gain: 1, time_constant_s: {min: 1, max: 2}, dead_time_s: 0.2}
-controller: {kp: {min: 0, max: 9}, ki: {min: 0, max: 9}, alpha: 1}
-requirements:
-  - phase_margin_deg: {at_least: 50}
-digital: {sample_time_s: 0.1}
-""")
+SPEC = ft.load_spec(ROOT / "specs" / "pi_baseline.yaml")
 GAINS = ft.FoPi(1.0, 0.5, 1.0)
 CAR = "systems/car.yaml"
 

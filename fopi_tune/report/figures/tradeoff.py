@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from fopi_tune.prices.result import PointStatus
-from fopi_tune.report.figures.picture import plain_text
+from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, plain_text
 from fopi_tune.report.text.formatting import number
 from fopi_tune.report.text.measures import limit_phrase
 from fopi_tune.report.text.tradeoff import end_words
 
 if TYPE_CHECKING:
     from fopi_tune.prices import Tradeoff, TradeoffPoint
-
-_CURVE, _OWN, _REFUSED = "#0072b2", "#000000", "#d55e00"
 
 
 def tradeoff_svg(result: Tradeoff) -> str:
@@ -38,10 +36,10 @@ def tradeoff_svg(result: Tradeoff) -> str:
         canvas = FigureCanvasSVG(figure)
         axes = figure.subplots()
         met = result.met
-        axes.plot([p.limit for p in met], [_value(p) for p in met], ".-", color=_CURVE, markersize=4, linewidth=1.2)
+        axes.plot([p.limit for p in met], [_value(p) for p in met], ".-", color=BLUE, markersize=4, linewidth=1.2)
         if result.own.objective is not None:
-            axes.plot([result.own.limit], [result.own.objective], "D", color=_OWN, markersize=5)
-        axes.axvline(result.own.limit, color=_OWN, linestyle="--", linewidth=0.8)
+            axes.plot([result.own.limit], [result.own.objective], "D", color=BLACK, markersize=5)
+        axes.axvline(result.own.limit, color=BLACK, linestyle="--", linewidth=0.8)
         axes.set_xlim(low - room, high + room)
         for first, last in _shaded(result, low - room, high + room):
             axes.axvspan(first, last, facecolor="0.88", edgecolor="0.6", hatch="//", linewidth=0.0, zorder=0)
@@ -51,7 +49,7 @@ def tradeoff_svg(result: Tradeoff) -> str:
             )  # fmt: skip
         for point in result.points:
             if point.status is PointStatus.REFUSED:
-                axes.axvline(point.limit, color=_REFUSED, linestyle=":", linewidth=1.2)
+                axes.axvline(point.limit, color=ORANGE, linestyle=":", linewidth=1.2)
         axes.text(
             result.own.limit, 1.01, "the spec's limit", ha="center", va="bottom", fontsize=8.0,
             transform=axes.get_xaxis_transform(),
