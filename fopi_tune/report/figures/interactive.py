@@ -81,7 +81,7 @@ def _shares_x(one: Axes, other: Axes) -> bool:
 
 
 def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
-    from bokeh.models import HoverTool, Range1d
+    from bokeh.models import HoverTool, Line, Range1d
     from bokeh.plotting import figure as plot
 
     (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
@@ -104,16 +104,32 @@ def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
     )
     # where nothing is measured
     panel.yaxis.visible = len(axes.get_yticks()) > 0
-    _draw_areas(axes, panel)
-    named = [renderer for line in axes.get_lines() if (renderer := _draw_line(axes, panel, line)) is not None]
+    named: list[Any] = []
+    for (glyph, name, *look), parts in _drawn_alike(axes).items():
+        columns = {key: _parted([part[key] for part in parts]) for key in parts[0]}
+        renderer = _add(panel, glyph(**{key: key for key in columns}, **dict(look)), columns, name)
+        if name and glyph is Line:
+            named.append(renderer)
     tips = [(_words(axes.get_xlabel()) or "x", "$x{0.0000a}"), (_words(axes.get_ylabel()) or "y", "$y{0.0000a}")]
     _write_texts(axes, panel)
     panel.add_tools(HoverTool(renderers=named, tooltips=[("", "$name"), *tips], line_policy="interp"))
     return panel
 
 
-def _draw_line(axes: Axes, panel: Any, line: Line2D) -> Any:
-    """Draw one line or row of marks; the renderer where it is a curve with a name."""
+def _drawn_alike(axes: Axes) -> dict[tuple[Any, ...], list[dict[str, Array]]]:
+    """(kind of glyph, name, looks) -> the columns of all that is drawn so, areas below lines.
+
+    One glyph for each of them: a model in the browser costs more than its points.
+    """
+    alike: dict[tuple[Any, ...], list[dict[str, Array]]] = {}
+    for drawn in (_areas(axes), *(_line(axes, line) for line in axes.get_lines())):
+        for glyph, name, look, columns in drawn:
+            alike.setdefault((glyph, name, *look.items()), []).append(columns)
+    return alike
+
+
+def _line(axes: Axes, line: Line2D) -> Iterator[tuple[type, str, dict[str, Any], dict[str, Array]]]:
+    """The glyphs of one line, of its marks, or of both."""
     from bokeh.models import HSpan, Line, Scatter, VSpan
 
     x, y = (np.asarray(values, dtype=float) for values in line.get_data())
@@ -122,21 +138,20 @@ def _draw_line(axes: Axes, panel: Any, line: Line2D) -> Any:
     look = {"line_color": colour, "line_width": width, "line_dash": dash}
     if line.get_transform() != axes.transData:
         # axhline and axvline: one of the coordinates is a share of the axes, and the line has no end
-        if y[0] == y[-1]:
-            _add(panel, HSpan(y="y", **look), {"y": y[:1]}, name)
-        else:
-            _add(panel, VSpan(x="x", **look), {"x": x[:1]}, name)
-        return None
+        yield (HSpan, name, look, {"y": y[:1]}) if y[0] == y[-1] else (VSpan, name, look, {"x": x[:1]})
+        return
     marker = _MARKERS.get(str(line.get_marker()))
-    drawn = None
     if line.get_linestyle() not in ("None", "none", ""):
         x, y = _stepped(x, y) if line.get_drawstyle() == "steps-post" else (x, y)
-        drawn = _add(panel, Line(x="x", y="y", **look), {"x": x, "y": y}, name)
+        yield Line, name, look, {"x": x, "y": y}
     if marker is not None:
         size = 1.4 * line.get_markersize()
-        points = Scatter(x="x", y="y", marker=marker, size=size, line_color=colour, fill_color=colour)
-        _add(panel, points, {"x": x, "y": y})
-    return drawn if name else None
+        yield (
+            Scatter,
+            "",
+            {"marker": marker, "size": size, "line_color": colour, "fill_color": colour},
+            {"x": x, "y": y},
+        )
 
 
 def _write_texts(axes: Axes, panel: Any) -> None:
@@ -150,23 +165,28 @@ def _write_texts(axes: Axes, panel: Any) -> None:
         panel.add_layout(Label(text=text.get_text(), text_font_size="12px", **place))
 
 
-def _draw_areas(axes: Axes, panel: Any) -> None:
-    """Draw bands, hatched parts and circles."""
+def _areas(axes: Axes) -> Iterator[tuple[type, str, dict[str, Any], dict[str, Array]]]:
+    """The glyphs of bands, hatched parts and circles."""
     from bokeh.models import Patch
 
     for patch in [*axes.collections, *axes.patches]:
         hatch = patch.get_hatch()
+        face, edge = patch.get_facecolor(), patch.get_edgecolor()
+        face, edge = (np.atleast_2d(each)[0] if len(each) else (0.0, 0.0, 0.0, 0.0) for each in (face, edge))
+        width = float(np.atleast_1d(patch.get_linewidth())[0])
+        look = {
+            "fill_color": _colour(face[:3]), "fill_alpha": float(face[3]),
+            "line_color": _colour(edge[:3]), "line_alpha": float(edge[3]) if width else 0.0, "line_width": width,
+            "line_dash": "solid" if hatch else _dash_of_patch(patch),
+            "hatch_pattern": _hatch(hatch), "hatch_color": _colour(edge[:3]), "hatch_alpha": 0.5, "hatch_weight": 0.6,
+        }  # fmt: skip
         for x, y in _outlines(axes, patch):
-            face, edge = patch.get_facecolor(), patch.get_edgecolor()
-            face, edge = (np.atleast_2d(each)[0] if len(each) else (0.0, 0.0, 0.0, 0.0) for each in (face, edge))
-            width = float(np.atleast_1d(patch.get_linewidth())[0])
-            area = Patch(
-                x="x", y="y", fill_color=_colour(face[:3]), fill_alpha=float(face[3]),
-                line_color=_colour(edge[:3]), line_alpha=float(edge[3]) if width else 0.0, line_width=width,
-                line_dash="solid" if hatch else _dash_of_patch(patch),
-                hatch_pattern=_hatch(hatch), hatch_color=_colour(edge[:3]), hatch_alpha=0.5, hatch_weight=0.6,
-            )  # fmt: skip
-            _add(panel, area, {"x": x, "y": y}, _name_of(patch))
+            yield Patch, _name_of(patch), look, {"x": x, "y": y}
+
+
+def _parted(parts: Sequence[Array]) -> Array:
+    """Lines or outlines one after the other, parted by a NaN, which nothing is drawn to."""
+    return np.concatenate([piece for part in parts for piece in (part, [np.nan])][:-1])
 
 
 def _add(panel: Any, glyph: Any, columns: dict[str, Array], name: str = "") -> Any:
@@ -239,7 +259,7 @@ def _colour(value: Any) -> str:
 def _dash(line: Line2D) -> Any:
     style = line.get_linestyle()
     _, pattern = getattr(line, "_unscaled_dash_pattern", (0, None))
-    return _DASHES.get(style, "solid") if pattern is None else [round(4.0 * float(each)) or 1 for each in pattern]
+    return _DASHES.get(style, "solid") if pattern is None else tuple(round(4.0 * float(each)) or 1 for each in pattern)
 
 
 def _dash_of_patch(patch: Any) -> str:
