@@ -6,9 +6,11 @@ Style, script, curves and figures are inside the page; its content security poli
 from __future__ import annotations
 
 import base64
+import gc
 import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -55,8 +57,25 @@ def render_figures(
         except DomainError:
             picture = None  # too many crossings to list: the figure is left out
         if picture is not None:
-            svg, png, live = every_form_of(picture)
+            with _collected_when_done():
+                svg, png, live = every_form_of(picture)
             yield RenderedFigure(name, picture.title, picture.description, _inline(svg, name), svg, png, live)
+
+
+@contextmanager
+def _collected_when_done() -> Iterator[None]:
+    """No search for cycles before the end: what it finds in use meanwhile would be kept until all figures are drawn.
+
+    A figure's artists and models all refer to each other.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.collect(0)
+        if was_enabled:
+            gc.enable()
 
 
 def _inline(svg: str, name: str) -> str:

@@ -5,7 +5,6 @@ The colours are those of Okabe and Ito, for colour-blind people; lines differ by
 
 from __future__ import annotations
 
-import gc
 import io
 import textwrap
 from collections.abc import Callable, Iterator
@@ -75,10 +74,7 @@ def every_form_of(picture: Picture) -> tuple[str, bytes, str]:
         svg = _svg(picture, figure)
         # the layout is known now; to compute it again would take as long as the drawing
         figure.set_layout_engine("none")
-        forms = svg, _png(picture, figure), interactive_json(figure)
-    # artists and models refer to each other: left to the collector's own pace, ten figures would be kept
-    gc.collect(1)
-    return forms
+        return svg, _png(picture, figure), interactive_json(figure)
 
 
 def label_axes(axes: Axes, y: str, x: str = "") -> None:
