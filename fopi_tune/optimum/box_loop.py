@@ -14,10 +14,41 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.parametrization import ControllerBox
+from fopi_tune.optimum.samples.filter_of_order import FilterOfOrder
+from fopi_tune.optimum.samples.gains import BoxOnSamples
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import Dual, PlantEnclosure
+from fopi_tune.proof.balls.sampled import SampledBallLoop
+from fopi_tune.proof.balls.sampled_controllers import Sections
 
 _ZERO = arb(0)
+
+
+@dataclass(frozen=True)
+class SampledBoxLoop(SampledBallLoop):
+    """The same on samples, without more dead time; `implementation` tells only the sample time and the delay.
+
+    Args:
+        filter: of s^-alpha.
+        centre: kp, ki and alpha.
+    """
+
+    filter: FilterOfOrder
+    centre: tuple[arb, arb, arb]
+
+    @classmethod
+    def of(cls, controllers: BoxOnSamples, unit_loop: BallLoop) -> SampledBoxLoop | None:
+        """The loop of the controller at a box's centre; None where its gains are not told from 0."""
+        kp, ki, alpha = controllers.centre
+        gains = [0.0 if ball.is_zero() else float(ball.mid()) for ball in (kp, ki)]
+        if not isinstance(unit_loop, SampledBallLoop) or (ki.contains(0) and not ki.is_zero()) or gains == [0.0, 0.0]:
+            return None
+        used = unit_loop.gains.measurement_filter
+        controller = FoPi(*gains, float(alpha.mid()), measurement_filter=used)
+        return cls(controller, unit_loop.family, unit_loop.implementation, controllers.filter, controllers.centre)
+
+    def sections_here(self) -> Sections:
+        return self.filter.sections(*self.centre)
 
 
 @dataclass(frozen=True)

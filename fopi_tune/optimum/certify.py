@@ -16,6 +16,9 @@ import numpy as np
 from flint import ctx
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.terms.digital_spec import DigitalSpec
+from fopi_tune.digital.discretize import Method
+from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError
 from fopi_tune.optimum.branch_and_bound import BranchAndBound, Limits, Progress, Termination
 from fopi_tune.optimum.problem import Problem
@@ -73,7 +76,7 @@ def certify_optimum(
         return run.without_bound(reason)
     found = None
     if gains is not None:
-        found = verify(spec, gains)
+        found = verified(spec, gains)
         reason = incumbent_refusal(spec, gains, found)
         if reason:
             return run.without_bound(reason)
@@ -95,7 +98,9 @@ def better_gains_reason(objective: float) -> str:
 def why_no_bound(spec: DesignSpec) -> str:
     """Why no bound can be proved for a spec; empty when one can."""
     if spec.digital is not None and spec.digital.designs_sampled:
-        return "there is no bound for the loop on samples (design: sampled)"
+        why = _why_none_on_samples(spec, spec.digital)
+        if why:
+            return why
     if spec.controller.filter_times is not None:
         return "there is no bound where a filter's time constant has a range"
     has_derivative = spec.controller.has_derivative
@@ -105,6 +110,17 @@ def why_no_bound(spec: DesignSpec) -> str:
         if not math.isfinite(side.min) or not math.isfinite(side.max):
             end = "lower" if not math.isfinite(side.min) else "upper"
             return f"{name} has no {end} end, so that the box of gains cannot be searched; give it a range"
+    return ""
+
+
+def _why_none_on_samples(spec: DesignSpec, digital: DigitalSpec) -> str:
+    """The filter must be a smooth function of alpha that does not depend on the loop."""
+    if spec.controller.has_derivative:
+        return "there is no bound for a controller with a derivative on samples (design: sampled)"
+    if Method(digital.method) is Method.FIT:
+        return "there is no bound on samples (design: sampled) with method: fit; take oustaloup or modified_oustaloup"
+    if digital.depends_on_crossover:
+        return "there is no bound on samples (design: sampled) with rule: matched or prewarp: crossover"
     return ""
 
 
@@ -147,7 +163,7 @@ class _Run:
         problem = Problem.of(self.spec, None, _rounded(typical_frequency_rad_s(self.spec.plant)))
         search = BranchAndBound.of(problem, self.limits, [], self.progress)
         termination = search.show(problem)
-        while termination is Termination.BETTER and not (seeming := verify(self.spec, _gains(search))).all_met:
+        while termination is Termination.BETTER and not (seeming := verified(self.spec, _gains(search))).all_met:
             search.learn(_worst_cases(seeming))
             termination = search.show(problem)
         if termination is Termination.SHOWN:
@@ -174,7 +190,7 @@ class _Run:
             termination = search.show(problem.beating(level))
             _log.debug("%s: bound within a gap of %.3g: %s", self.spec.name, gap, termination.value)
             if termination is Termination.BETTER and self._better(search, found)[0] is None:
-                search.learn(_worst_cases(verify(self.spec, _gains(search))))
+                search.learn(_worst_cases(verified(self.spec, _gains(search))))
                 continue
             if termination is Termination.SHOWN:
                 shown, proof = gap, _proof(search, level)
@@ -222,7 +238,7 @@ class _Run:
         if search.better is None:
             return None, None
         gains = _gains(search)
-        checked = verify(self.spec, gains)
+        checked = verified(self.spec, gains)
         if incumbent_refusal(self.spec, gains, checked) or checked.objective is None or found.objective is None:
             return None, None
         ahead = checked.objective - found.objective
@@ -260,6 +276,10 @@ class _Run:
             left_out=conditions.left_out,
             reason=reason,
         )
+
+
+def verified(spec: DesignSpec, gains: FoPi) -> Verification:
+    return verify(spec, gains, implementation=designed_implementation(spec, gains))
 
 
 def _worst_cases(found: Verification) -> list[WorstCasePoint]:

@@ -85,6 +85,8 @@ class ControllerBox(ABC):
     centre: tuple[arb, arb, arb]
     derivative: arb = _ZERO
     filter_time: arb = _ZERO
+    #: whether the integral is ki s^-alpha itself, of which more is known than its enclosures tell
+    has_closed_forms: bool = True
 
     @property
     def pid(self) -> Pid | None:
@@ -119,6 +121,26 @@ class ControllerBox(ABC):
         gain = self.gain_taylor_model(name)
         reach = sum((abs(s.real) * h for s, h in zip(gain.slopes, self.half, strict=True)), gain.remainder)
         return gain.middle.real - reach, gain.middle.real + reach
+
+    # -- the integral's part of C, for gains `integral` of the box ----------------------------------------------------
+
+    def integral_response(self, integral: arb, u: Interval) -> acb:
+        """Over an interval of u that is not a tail."""
+        return integral * (-self.alpha * acb(ball_of(u) - self.reference, arb.pi() / 2)).exp()
+
+    def integral_slope(self, u: Interval) -> acb:
+        """The derivative of its logarithm in u, over an interval that is not a tail."""
+        return acb(-self.alpha)
+
+    def integral_size_below(self, integral: arb, u: float) -> tuple[arb, arb]:
+        """Bounds of its size at all frequencies below one."""
+        size = abs(integral).lower() * (-self.alpha * (arb(u) - self.reference)).exp()
+        return arb(size.lower()), arb.pos_inf()
+
+    def integral_size_above(self, integral: arb, u: float) -> tuple[arb, arb]:
+        """Bounds of its size at all frequencies above one."""
+        size = abs(integral).upper() * (-self.alpha * (arb(u) - self.reference)).exp()
+        return _ZERO, arb(size.upper())
 
     @abstractmethod
     def taylor_model(self, log_s: acb) -> TaylorModel:
@@ -340,27 +362,29 @@ class CrossoverBox(ControllerBox):
         return TaylorModel(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), remainder.upper())
 
     def gain_taylor_model(self, name: str) -> TaylorModel:
-        k, x = arb.pi() / 2, self._x
-
-        def cotangent(alpha: arb) -> tuple[arb, arb, arb]:
-            cot, sine = (k * alpha).cot(), (k * alpha).sin()
-            return cot, -k / sine**2, 2 * k * k * cot / sine**2
-
-        def power(alpha: arb) -> tuple[arb, arb, arb]:
-            # f = wc^alpha/sin a:  f' = f q,  f'' = f (q^2 + q'),  q = ln wc - k cot a
-            f = (alpha * self.parametrization.log_omega).exp() / (k * alpha).sin()
-            q = self.parametrization.log_omega - k * (k * alpha).cot()
-            return f, f * q, f * (q * q + (k / (k * alpha).sin()) ** 2)
-
+        x = self._x
         if name == "kp":
-            f, first, _ = cotangent(self._alpha_c)
-            _, over_first, over_second = cotangent(self.alpha)
+            f, first, _ = self._kp_term(self._alpha_c)
+            _, over_first, over_second = self._kp_term(self.alpha)
             return self._taylor_model(x, acb(f), acb(first), acb(over_first), acb(over_second))
-        f, first, _ = power(self._alpha_c)
-        _, over_first, over_second = power(self.alpha)
+        f, first, _ = self._ki_term(self._alpha_c)
+        _, over_first, over_second = self._ki_term(self.alpha)
         # ki = -Im x f:  the same without Re x; the remainder of the sum bounds that of this term
         found = self._taylor_model(x, acb(f), acb(first), acb(over_first), acb(over_second))
         return TaylorModel(acb(-x.imag * f), (acb(-x.imag * first), acb(-x.real * f)), found.remainder)
+
+    def _kp_term(self, alpha: arb) -> tuple[arb, arb, arb]:
+        """cot a with its first and second derivatives in alpha."""
+        k = arb.pi() / 2
+        cot, sine = (k * alpha).cot(), (k * alpha).sin()
+        return cot, -k / sine**2, 2 * k * k * cot / sine**2
+
+    def _ki_term(self, alpha: arb) -> tuple[arb, arb, arb]:
+        """f = wc^alpha/sin a with its derivatives:  f' = f q,  f'' = f (q^2 + q'),  q = ln wc - k cot a."""
+        k = arb.pi() / 2
+        f = (alpha * self.parametrization.log_omega).exp() / (k * alpha).sin()
+        q = self.parametrization.log_omega - k * (k * alpha).cot()
+        return f, f * q, f * (q * q + (k / (k * alpha).sin()) ** 2)
 
     def enclosure(self, u: Interval) -> ControllerEnclosure:
         tau = acb(ball_of(u) - self.parametrization.log_omega, arb.pi() / 2)

@@ -6,22 +6,39 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 from flint import acb, arb
 
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
-from fopi_tune.optimum.pruning.conditions import Condition, Conditions, conditions_of, degrees, nominal_equality
+from fopi_tune.optimum.pruning.conditions import (
+    Condition,
+    Conditions,
+    conditions_of,
+    degrees,
+    is_on_samples,
+    nominal_equality,
+)
+from fopi_tune.optimum.samples.filter_of_order import FilterOfOrder
+from fopi_tune.optimum.samples.gains import SampledCrossoverParametrization, SampledGainParametrization
 from fopi_tune.proof.balls.box import Box, Interval
 from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.balls.plant import PlantEnclosure, polynomial
 from fopi_tune.proof.balls.responses import LoopEnclosure
+from fopi_tune.proof.balls.sampled import SampledBallLoop
 from fopi_tune.spec.model import DesignSpec
 
 _MOST_CELLS = 50_000
+#: relative; responses are read below this part of Nyquist's frequency
+_BELOW_NYQUIST = 1e-6
+#: |u| at which frequencies are cut off
+_FARTHEST = 600.0
 
 
 @dataclass(frozen=True)
@@ -68,11 +85,20 @@ class Problem:
             terms = DerivativeParametrization(1.0 if reference_rad_s is None else reference_rad_s, filter_time_s)
             return cls(spec, beat, conditions, terms, terms.roots(spec.controller))
         unit_loop = _unit_loop(spec)
-        at = None if crossover is None else _response(unit_loop, nominal, crossover.limits[0])[1]
+        at = None
+        if crossover is not None and not unit_loop.is_beyond(crossover.limits[0]):
+            at = _response(unit_loop, nominal, crossover.limits[0])[1]
+        reference = 1.0 if reference_rad_s is None else reference_rad_s
+        filtered = FilterOfOrder(spec.digital) if is_on_samples(spec) and spec.digital is not None else None
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
-            gains = GainParametrization(1.0 if reference_rad_s is None else reference_rad_s)
+            gains = GainParametrization(reference)
+            if filtered is not None:
+                gains = SampledGainParametrization(reference, filtered)
             return cls(spec, beat, conditions, gains, gains.roots(spec.controller))
         parametrization = CrossoverParametrization(crossover.limits[0], at)
+        if filtered is not None:
+            nu = _s_at(unit_loop, crossover.limits[0]).imag
+            parametrization = SampledCrossoverParametrization(crossover.limits[0], at, filtered, nu)
         margin = nominal_equality(spec, "phase_margin_deg")
         if margin is None:
             circle = CrossoverParametrization.circle(spec.controller.alpha, -math.pi)
@@ -145,13 +171,27 @@ class Problem:
         limit, bottom = (2 * condition.level_at(omega)).exp(), self.unit_loop.filter_bottom
         if bottom is None or condition.response not in (Response.CONTROL_SENSITIVITY, Response.LOAD_SENSITIVITY):
             return limit
-        square = abs(bottom.at(acb(0, arb(omega)))) ** 2
+        square = abs(bottom.at(_s_at(self.unit_loop, omega))) ** 2
         return limit * square if condition.response is Response.CONTROL_SENSITIVITY else limit / square
 
     def squared_error_limit(self, condition: Condition, p: acb) -> arb:
-        """M^2 of |S| from a limit of the discounted error:  T |P/(1 + C F P)| < level at s = 1/T, `p` = F P there."""
-        limit, bottom = condition.level / (condition.horizon_s * abs(p)), self.unit_loop.filter_bottom
-        return limit**2 if bottom is None else (limit / bottom.at(acb(1 / arb(condition.horizon_s))).real) ** 2
+        """M^2 of |S| from a limit of the discounted error:  T |P/(1 + C F P)| < level at s = 1/T, `p` = F P there.
+
+        On samples the sum is Ts z/(z - 1) z^delay |P/(1 + C F P)| at z = e^(Ts/T).
+        """
+        scale, bottom = arb(condition.horizon_s), self.unit_loop.filter_bottom
+        if isinstance(self.unit_loop, SampledBallLoop):
+            step = self.unit_loop.sample_time / scale
+            delay = arb(self.unit_loop.implementation.delay_samples)
+            scale = self.unit_loop.sample_time * (step * (1 + delay)).exp() / step.expm1()
+        limit = condition.level / (scale * abs(p))
+        return limit**2 if bottom is None else (limit / bottom.at(acb(self._real_s(condition.horizon_s))).real) ** 2
+
+    def _real_s(self, horizon_s: float) -> arb:
+        """1/T; on samples w at z = e^(Ts/T)."""
+        if isinstance(self.unit_loop, SampledBallLoop):
+            return (self.unit_loop.sample_time / arb(horizon_s) / 2).tanh()
+        return 1 / arb(horizon_s)
 
     @cached_property
     def _plants(self) -> dict[tuple[float, ...], PlantEnclosure]:
@@ -194,6 +234,8 @@ class Problem:
     def constant_gain_ratio(self, point: tuple[float, ...]) -> arb | None:
         """|P/P0| of plants of which it is the same at every frequency: they differ by their gain; None of others."""
         own, nominal = self.plant(point), self.plant(self.nominal)
+        if self.is_on_samples:
+            return None
         if not all(a.value == b.value for a, b in zip(own.denominator, nominal.denominator, strict=True)):
             return None
         if not all(c.value.is_zero() for c in (*own.numerator[:-1], *nominal.numerator[:-1])):
@@ -202,29 +244,70 @@ class Problem:
         return ratio if ratio.is_finite() and ratio > 0 else None
 
     def response(self, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
-        """ln(j omega), and P there."""
+        """ln(j omega), on samples ln w, and P there."""
         key = (point, omega)
         if key not in self._responses:
             self._responses[key] = _response(self.unit_loop, point, omega)
         return self._responses[key]
 
     def real_response(self, point: tuple[float, ...], horizon_s: float) -> tuple[acb, acb]:
-        """ln(1/T), and P there."""
+        """ln(1/T), on samples ln w at z = e^(Ts/T), and P there."""
         key = (point, -horizon_s)
         if key not in self._responses:
-            plant, s = self.plant(point), 1 / arb(horizon_s)
-            top = polynomial([c.value for c in plant.numerator], acb(s)) * (-s * plant.dead_time.value).exp()
-            bottom = polynomial([c.value for c in plant.denominator], acb(s))
-            self._responses[key] = acb(s.log()), top / bottom
+            s = acb(self._real_s(horizon_s))
+            self._responses[key] = s.log(), _plant_at(self.plant(point), s)
         return self._responses[key]
+
+    # -- the frequency axis -------------------------------------------------------------------------------------------
+
+    @property
+    def is_on_samples(self) -> bool:
+        """Whether the loop is the one on samples."""
+        return isinstance(self.unit_loop, SampledBallLoop)
+
+    @cached_property
+    def highest_rad_s(self) -> float:
+        """A frequency next to the end of the axis: Nyquist's, or infinity."""
+        if isinstance(self.unit_loop, SampledBallLoop):
+            return self.unit_loop.implementation.nyquist_rad_s * (1.0 - _BELOW_NYQUIST)
+        return math.inf
+
+    def frequencies_rad_s(self, u: Array) -> Array:
+        """Frequencies at values of u."""
+        nu = np.exp(np.clip(u, -_FARTHEST, _FARTHEST))
+        if isinstance(self.unit_loop, SampledBallLoop):
+            return 2.0 / self.unit_loop.implementation.sample_time_s * np.arctan(nu)
+        return nu
+
+    def u_interval(self, bracket: Interval) -> Interval:
+        """An interval of u that holds a bracket of frequencies in rad/s."""
+        return self.unit_loop.band(*bracket)
 
 
 def _unit_loop(spec: DesignSpec) -> BallLoop:
-    return BallLoop(FoPi(1.0, 0.0, 1.0, measurement_filter=spec.controller.measurement_filter), spec.plant)
+    controller = FoPi(1.0, 0.0, 1.0, measurement_filter=spec.controller.measurement_filter)
+    if spec.digital is None or not is_on_samples(spec):
+        return BallLoop(controller, spec.plant)
+    one = Sections(spec.digital.sample_time_s, 1.0, (), ())
+    return SampledBallLoop(controller, spec.plant, Implementation(one, spec.digital.delay_samples))
+
+
+def _s_at(loop: BallLoop, omega: float) -> acb:
+    """j omega, or w = j tan(omega Ts/2)."""
+    if isinstance(loop, SampledBallLoop):
+        return acb(0, (arb(omega) * loop.sample_time / 2).tan())
+    return acb(0, arb(omega))
 
 
 def _response(unit_loop: BallLoop, point: tuple[float, ...], omega: float) -> tuple[acb, acb]:
-    plant, s = unit_loop.plant([arb(value) for value in point]), acb(0, arb(omega))
-    late = (-s * plant.dead_time.value).exp()
+    plant, s = unit_loop.plant([arb(value) for value in point]), _s_at(unit_loop, omega)
+    return acb(s.imag.log(), arb.pi() / 2), _plant_at(plant, s)
+
+
+def _plant_at(plant: PlantEnclosure, s: acb) -> acb:
+    """The plant with its delay; behind a hold a function of w."""
     top, bottom = (polynomial([c.value for c in side], s) for side in (plant.numerator, plant.denominator))
-    return acb(arb(omega).log(), arb.pi() / 2), top * late / bottom
+    late = (-s * plant.dead_time.value).exp()
+    if plant.late:
+        late = late * ((1 - s) / (1 + s)) ** plant.late
+    return plant.gain.value * top * late / bottom

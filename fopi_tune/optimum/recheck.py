@@ -20,6 +20,7 @@ from fopi_tune.optimum.certify import (
     better_gains_reason,
     incumbent_refusal,
     met_reason,
+    verified,
     why_no_bound,
 )
 from fopi_tune.optimum.documents import OptimumDocument, to_document
@@ -29,7 +30,7 @@ from fopi_tune.optimum.pruning.conditions import Condition, Test, conditions_of,
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.results import OptimumProof, OptimumStatus, objective_size, relative_gap
 from fopi_tune.optimum.tree import uses_every_reason, walk
-from fopi_tune.proof import Verification, verify
+from fopi_tune.proof import Verification
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.strict_json import first_difference
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -243,8 +244,8 @@ def _check_gains(stated: OptimumDocument, spec: DesignSpec) -> list[str]:
     """
     reason = why_no_bound(spec)
     try:
-        found = verify(spec, stated.gains) if stated.gains is not None and not reason else None
-        better = verify(spec, stated.better) if stated.better is not None else None
+        found = verified(spec, stated.gains) if stated.gains is not None and not reason else None
+        better = verified(spec, stated.better) if stated.better is not None else None
     except DomainError as error:
         raise CertificateError(str(error)) from None
     refusal = "" if stated.gains is None or found is None else incumbent_refusal(spec, stated.gains, found)

@@ -36,7 +36,6 @@ from fopi_tune.optimum.pruning.exclusion import (
 )
 from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket, MeanValueForm
 from fopi_tune.optimum.pruning.response_bounds import LinearBound, linear_bound, quadratic
-from fopi_tune.proof.balls.box import log_interval
 
 #: reasons in a sum: there are at most three coordinates
 MOST_REASONS = 8
@@ -126,7 +125,7 @@ def _of_margin(
 ) -> LinearBound | None:
     """At a crossover that every controller has, or at the only one."""
     crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), brackets_of(reason)
-    at = LoopBracket.of(problem, controllers, reason.point, log_interval(*brackets[0]))
+    at = LoopBracket.of(problem, controllers, reason.point, problem.u_interval(brackets[0]))
     if at is None:
         return None
     turn, rate = 2 * arb.pi(), condition.rate
@@ -154,8 +153,8 @@ def _of_spread(
     first, *others = brackets_of(reason)
     if len(others) != 1:
         return None
-    smaller = LoopBracket.of(problem, controllers, small, log_interval(*first))
-    larger = LoopBracket.of(problem, controllers, large, log_interval(*others[0]))
+    smaller = LoopBracket.of(problem, controllers, small, problem.u_interval(first))
+    larger = LoopBracket.of(problem, controllers, large, problem.u_interval(others[0]))
     if smaller is None or larger is None:
         return None
     x, y = larger.angle.distances[0], smaller.angle.distances[0]
@@ -183,7 +182,7 @@ def _of_gain_margin(
     """ln|L| <= -level at a phase crossover that every controller has, with |L| < 1."""
     if not sign_changes(problem, controllers, reason):
         return None
-    at = LoopBracket.of(problem, controllers, reason.point, log_interval(reason.omega[0], reason.omega[1]))
+    at = LoopBracket.of(problem, controllers, reason.point, problem.u_interval((reason.omega[0], reason.omega[1])))
     found = None if at is None else at.gain_where_negative
     return _violation(found, -condition.level, 1) if found is not None and found.upper < 0 else None
 

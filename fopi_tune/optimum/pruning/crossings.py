@@ -89,7 +89,7 @@ class GainCrossovers:
 
     def are_below_unless_at(self, omega: float) -> bool:
         """Whether a controller has crossovers above a frequency only if |L| > 1 there: |L| falls from there on."""
-        u = math.log(omega) - _ROUNDING
+        u = self.problem.u_interval((omega, omega))[0] - _ROUNDING
         # next to the frequency |L| only falls, farther it stays below 1
         reach = next((step for step in (1.0, *_STEPS) if self.bounds.is_decreasing((u, u + step))), None)
         return reach is not None and self.bounds.has_no_crossover(u + reach, math.inf, only_below=True)
@@ -99,7 +99,8 @@ class GainCrossovers:
 
         Next to the bracket values do not settle the cells, but where |L| decreases it cannot return to 1.
         """
-        low, high = math.log(bracket[0]) + _ROUNDING, math.log(bracket[1]) - _ROUNDING
+        inner = [self.problem.u_interval((omega, omega)) for omega in bracket]
+        low, high = inner[0][1] + _ROUNDING, inner[1][0] - _ROUNDING
         decreases = self.bounds.is_decreasing
         if self._sign_at_end(bracket, 0) > 0:
             low -= next((step for step in _STEPS if decreases((low - step, low + 2.0 * _ROUNDING))), 0.0)
@@ -111,8 +112,8 @@ class GainCrossovers:
         """The sign of ln|L| at an end of a bracket, for every controller; 0 where it is not known."""
         if self._known is not None and bracket[0] < self._known < bracket[1]:
             # |L| = 1 at the fixed crossover, and |L| decreases from there
-            u, far = math.log(self._known), math.log(bracket[end])
-            span = (far - _ROUNDING, u + _ROUNDING) if end == 0 else (u - _ROUNDING, far + _ROUNDING)
+            u, far = (self.problem.u_interval((omega, omega)) for omega in (self._known, bracket[end]))
+            span = (far[0] - _ROUNDING, u[1] + _ROUNDING) if end == 0 else (u[0] - _ROUNDING, far[1] + _ROUNDING)
             if self.bounds.is_decreasing(span):
                 return -1 if end else 1
         return self.sign_of_log_gain(bracket[end])

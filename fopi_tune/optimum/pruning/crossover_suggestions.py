@@ -5,7 +5,9 @@ As in `fopi_tune.optimum.pruning.screen`, these are suggestions, not proofs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +38,16 @@ def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]])
         boxes: n boxes.
         points: plants, the nominal one first.
     """
-    at = CentralLoops.of(problem, boxes, points)
+    if problem.is_on_samples and len(boxes) != 1:
+        # each controller has a filter of its own
+        for row in range(len(boxes)):
+            for found in suggestions(problem, boxes.take(np.array([row])), points):
+                yield replace(found, row=row)
+        return
+    try:
+        at = CentralLoops.of(problem, boxes, points)
+    except DomainError:
+        return
     try:
         found = gain_crossovers(at.loops)
     except DomainError:
@@ -95,12 +106,20 @@ def _best(
     last = order[np.append(each[order][1:] != each[order][:-1], True)] if len(order) else order
     axes = np.argmax(np.abs(varies), axis=1)
     for i in last.tolist():
-        ends = float(np.exp(u[i] - width[i])), float(np.exp(u[i] + width[i]))
+        ends = _ends(at.problem, u[i], width[i])
+        if ends is None:
+            continue
         reason = Reason(k, at.points[moves.plant[i]], ends)
         slopes = tuple(varies[i].tolist())
         yield Suggestion(
             int(box[i]), float(ratio[i]), int(axes[i]), reason, float(excess[i]), slopes, float(moves.rest[i])
         )
+
+
+def _ends(problem: Problem, u: float, width: float) -> tuple[float, float] | None:
+    """A bracket around u, rad/s; None where the end of the axis is too near."""
+    low, high = problem.frequencies_rad_s(np.array([u - width, u + width])).tolist()
+    return (low, high) if high < problem.highest_rad_s else None
 
 
 def _low_crossovers(at: CentralLoops, moves: Movements, k: int, condition: Condition) -> Iterator[Suggestion]:
@@ -112,7 +131,8 @@ def _low_crossovers(at: CentralLoops, moves: Movements, k: int, condition: Condi
         if i < 0 or moves.found.row[i] != row:
             yield Suggestion(row // m, 1.5, -1, reason)
             continue
-        below = float(level - moves.found.u[i])
+        lowest = at.problem.u_interval((math.exp(level), math.exp(level)))[0]
+        below = float(lowest - moves.found.u[i])
         ratio = below / float(moves.of_gain_crossovers[i])
         if ratio > -1.0:
             # 1 - |L|^2 at the level, where |L| falls from the crossover on
@@ -150,7 +170,7 @@ def _spreads(at: CentralLoops, moves: Movements, k: int, level: float) -> Iterat
                 continue
             own = _NARROW * move[small]
             ends = [found.u[small] - own, found.u[small] + own, *np.stack([u - wide, u + wide], axis=1).ravel()]
-            omega = tuple(float(np.exp(u)) for u in ends)
+            omega = tuple(at.problem.frequencies_rad_s(np.array(ends)).tolist())
             reason, axis = Reason(k, at.points[plant], omega, above), int(np.argmax(np.abs(varies)))
             rest = float(moves.rest[i] + moves.rest[zero])
             slopes = tuple(varies.tolist()) if len(others) == 1 else ()
@@ -179,7 +199,9 @@ def _gain_spreads(at: CentralLoops, moves: Movements, k: int, level: float) -> I
     for i, plant in enumerate(best.tolist()):
         if not ratio[i, plant] > -1.0 or not width[i] < 3.0:
             continue
-        ends = float(np.exp(u[i] - width[i])), float(np.exp(u[i] + width[i]))
+        ends = _ends(at.problem, u[i], width[i])
+        if ends is None:
+            continue
         slopes = varies[i, plant]
         rest = float(moves.rest[highest[i]] * abs(steeper[i, plant]) / abs(moves.steep[highest[i]]))
         yield Suggestion(

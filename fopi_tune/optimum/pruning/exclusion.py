@@ -24,7 +24,7 @@ from fopi_tune.optimum.pruning.instability import is_unstable
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds, gain_ratio_stays_beyond
 from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket, MeanValueForm
 from fopi_tune.optimum.pruning.response_bounds import lower_bound, quadratic
-from fopi_tune.proof.balls.box import Interval, log_interval
+from fopi_tune.proof.balls.box import Interval
 
 _ZERO = arb(0)
 
@@ -66,7 +66,7 @@ def is_about_members(problem: Problem, condition: Condition, reason: Reason) -> 
         return False
     if condition.test in (Test.RESPONSE, Test.GAIN_SPREAD) and reason.omega == (0.0,):
         return True
-    return all(math.isfinite(omega) and omega > 0.0 for omega in reason.omega)
+    return all(math.isfinite(omega) and 0.0 < omega <= problem.highest_rad_s for omega in reason.omega)
 
 
 def response_quadratic(
@@ -80,9 +80,8 @@ def response_quadratic(
     if condition.test is Test.GAIN_SPREAD:
         # with |L0| > 1 there is a higher crossover, where the ratio is too large
         (omega,) = reason.omega
-        stays = problem.family.is_strictly_proper and gain_ratio_stays_beyond(
-            problem, reason.point, omega, condition.level
-        )
+        vanishes = problem.family.is_strictly_proper and not problem.is_on_samples
+        stays = vanishes and gain_ratio_stays_beyond(problem, reason.point, omega, condition.level)
         if not stays or problem.crossover_rad_s is not None:
             return None
         log_s, p = problem.response(problem.nominal, omega)
@@ -101,9 +100,8 @@ def response_quadratic(
 
 def _response(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     if condition.test is Test.RESPONSE and not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
-        is_decreasing = (
-            condition.response is Response.SENSITIVITY and condition.upper and problem.family.is_strictly_proper
-        )
+        vanishes = problem.family.is_strictly_proper and not problem.is_on_samples
+        is_decreasing = condition.response is Response.SENSITIVITY and condition.upper and vanishes
         return is_decreasing and math.isinf(condition.band_rad_s[1]) and bool(condition.level < 0)
     if reason.omega == (0.0,):
         return controllers.has_integral and is_broken_at_zero(problem, condition, reason.point)
@@ -120,7 +118,7 @@ def is_broken_at_zero(problem: Problem, condition: Condition, point: tuple[float
     Whatever they are, |T| -> 1 and |C S| -> 1/|P| as omega -> 0, where P is neither 0 nor infinite.
     """
     plant = problem.plant(point)
-    size = abs(plant.numerator[-1].value / plant.denominator[-1].value)
+    size = abs(plant.gain.value * plant.numerator[-1].value / plant.denominator[-1].value)
     if condition.test is not Test.RESPONSE or condition.band_rad_s[0] != 0.0 or not size.is_finite() or not size > 0:
         return False
     if condition.response is Response.COMPLEMENTARY_SENSITIVITY:
@@ -150,7 +148,7 @@ def _margin(problem: Problem, controllers: ControllerBox, condition: Condition, 
     crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), brackets_of(reason)
     if not brackets:
         return condition.upper and crossovers.are_in(())
-    at = LoopBracket.of(problem, controllers, reason.point, log_interval(*brackets[0]))
+    at = LoopBracket.of(problem, controllers, reason.point, problem.u_interval(brackets[0]))
     if at is None:
         return False
     b = at.angle
@@ -170,7 +168,7 @@ def _delay_margin(
     crossovers, brackets = GainCrossovers.of(problem, controllers, reason.point), brackets_of(reason)
     if not brackets:
         return condition.upper and crossovers.are_in((), falls=True)
-    at = LoopBracket.of(problem, controllers, reason.point, log_interval(*brackets[0]))
+    at = LoopBracket.of(problem, controllers, reason.point, problem.u_interval(brackets[0]))
     if at is None:
         return False
     lag, excess = at.lag(), at.lag(rate)
@@ -185,11 +183,11 @@ def _spread(problem: Problem, controllers: ControllerBox, condition: Condition, 
         return bool(condition.level <= 0)
     small, large = spread_plants(problem, reason)
     first, *others = brackets_of(reason)
-    smaller = LoopBracket.of(problem, controllers, small, log_interval(*first))
+    smaller = LoopBracket.of(problem, controllers, small, problem.u_interval(first))
     if smaller is None:
         return False
     for bracket in others:
-        larger = LoopBracket.of(problem, controllers, large, log_interval(*bracket))
+        larger = LoopBracket.of(problem, controllers, large, problem.u_interval(bracket))
         if larger is None or not _are_apart(larger.angle, smaller.angle, condition.level):
             return False
     has_one = GainCrossovers.of(problem, controllers, small).has_one_in(first)
@@ -210,7 +208,7 @@ def _gain_margin(problem: Problem, controllers: ControllerBox, condition: Condit
     """Im L changes its sign in the bracket, Re L < 0 there, and  -level < ln|L| < 0  where Im L = 0."""
     if not sign_changes(problem, controllers, reason):
         return False
-    at = LoopBracket.of(problem, controllers, reason.point, log_interval(reason.omega[0], reason.omega[1]))
+    at = LoopBracket.of(problem, controllers, reason.point, problem.u_interval((reason.omega[0], reason.omega[1])))
     found = None if at is None else at.gain_where_negative
     return found is not None and bool(found.upper < 0) and bool(found.lower > -condition.level)
 
@@ -232,8 +230,11 @@ def sign_changes(problem: Problem, controllers: ControllerBox, reason: Reason) -
 
 def _crossover(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     """|L| < 1 at and above the lowest crossover that is allowed."""
-    low = math.nextafter(float(condition.level.lower()), -math.inf)
-    crossovers, omega = GainCrossovers.of(problem, controllers, reason.point), math.nextafter(math.exp(low), 0.0)
+    lowest = math.nextafter(float(condition.level.lower()), -math.inf)
+    crossovers, omega = GainCrossovers.of(problem, controllers, reason.point), math.nextafter(math.exp(lowest), 0.0)
+    if not omega < problem.highest_rad_s:
+        return True
+    low = problem.u_interval((omega, omega))[0]
     if omega > 0.0 and crossovers.sign_of_log_gain(omega) < 0 and crossovers.are_below_unless_at(omega):
         return True
     return crossovers.bounds.has_no_crossover(low, math.inf, only_below=True)
@@ -264,7 +265,7 @@ def _gain_spread(problem: Problem, controllers: ControllerBox, condition: Condit
 def gain_ratio(problem: Problem, controllers: ControllerBox, reason: Reason) -> MeanValueForm | None:
     """ln|P/P0| at the highest nominal crossover, which is in the bracket; None where that is not known."""
     (bracket,) = brackets_of(reason)
-    u = log_interval(*bracket)
+    u = problem.u_interval(bracket)
     at = LoopBracket.of(problem, controllers, problem.nominal, u)
     if at is None or not GainCrossovers.of(problem, controllers, problem.nominal).highest_is_in(bracket):
         return None
@@ -296,7 +297,7 @@ def _lower_crossover(problem: Problem, controllers: ControllerBox, condition: Co
     """
     if problem.crossover_rad_s is None or not problem.margin_is_fixed:
         return False
-    u = log_interval(problem.crossover_rad_s, problem.crossover_rad_s)[1]
+    u = problem.u_interval((problem.crossover_rad_s, problem.crossover_rad_s))[1]
     return LoopGainBounds.of(problem, controllers, problem.nominal).has_no_margin_below(u, condition.level)
 
 

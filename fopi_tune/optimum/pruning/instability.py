@@ -24,13 +24,15 @@ from collections.abc import Sequence
 
 from flint import arb
 
-from fopi_tune.optimum.box_loop import BoxLoop
+from fopi_tune.optimum.box_loop import BoxLoop, SampledBoxLoop
 from fopi_tune.optimum.parametrization import ControllerBox
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.crossings import GainCrossovers
 from fopi_tune.optimum.pruning.loop_gain_bounds import LoopGainBounds
 from fopi_tune.optimum.pruning.mean_value_forms import LoopBracket
-from fopi_tune.proof.balls.box import Interval, log_interval
+from fopi_tune.optimum.samples.gains import BoxOnSamples
+from fopi_tune.proof.balls.box import Interval
+from fopi_tune.proof.balls.loop import BallLoop
 from fopi_tune.proof.claims.poles import count_unstable_poles
 
 
@@ -66,7 +68,11 @@ def _by_the_axis(problem: Problem, controllers: ControllerBox, point: tuple[floa
 
 def _poles_at_centre(problem: Problem, controllers: ControllerBox, point: tuple[float, ...], delay_s: arb) -> int:
     """Poles on the right; 0 where they are not known."""
-    centre = BoxLoop.of(controllers, problem.family, delay_s, problem.measurement_filter)
+    centre: BallLoop | None
+    if isinstance(controllers, BoxOnSamples):
+        centre = SampledBoxLoop.of(controllers, problem.unit_loop)
+    else:
+        centre = BoxLoop.of(controllers, problem.family, delay_s, problem.measurement_filter)
     return 0 if centre is None else count_unstable_poles(centre, point, 0.0) or 0
 
 
@@ -97,7 +103,7 @@ def _fewer_poles(crossovers: GainCrossovers, bracket: Interval, delay_s: arb) ->
     With every b in the same turn there are as many, however often |L| is 1 in the bracket.  Otherwise a single
     crossover is needed.  None where neither is known.
     """
-    u = log_interval(*bracket)
+    u = crossovers.problem.u_interval(bracket)
     at = LoopBracket.of(crossovers.problem, crossovers.controllers, crossovers.point, u)
     if at is None:
         return None

@@ -71,7 +71,7 @@ def _by_crossovers(at: CentralLoops, moves: Movements, k: int, ratio: Array, ang
         apart = np.flatnonzero(u[1:] - reach[1:] > np.maximum.accumulate(u + reach)[:-1])
         ends = np.stack([(u - reach)[[0, *(apart + 1)]], np.maximum.accumulate(u + reach)[[*apart, -1]]], axis=1)
         axis = int(np.argmax(np.abs(angle[start:stop]).max(axis=0)))
-        omega = tuple(np.exp(ends).ravel().tolist())
+        omega = tuple(at.problem.frequencies_rad_s(ends.ravel()).tolist())
         yield Suggestion(box, float(ratio[row]), axis, Reason(k, at.points[row % m], omega))
 
 

@@ -80,6 +80,8 @@ class LoopGainBounds:
             kd = (arb(low), arb(high)) if whole else _allowed((arb(low), arb(high)), box.kd)
             balls = kp[0].union(kp[1]), integral[0].union(integral[1])
             return cls(problem, controllers, *balls, alpha, point, False, 1, kd[0].union(kd[1]))
+        if not controllers.has_closed_forms:
+            return cls(problem, controllers, kp[0].union(kp[1]), integral[0].union(integral[1]), alpha, point, False)
         if kp[1] <= 0 and integral[1] <= 0:
             balls = (-kp[1]).union(-kp[0]), (-integral[1]).union(-integral[0])
             return cls(problem, controllers, *balls, alpha, point, True, -1)
@@ -97,16 +99,18 @@ class LoopGainBounds:
 
     def _integral_size(self, u: Interval) -> tuple[arb, arb]:
         """The smallest and the largest z."""
-        size, start = abs(self.integral), self.controllers.reference
-        high = size.upper() * (-self.alpha * (arb(u[0]) - start)).exp() if not math.isinf(u[0]) else arb.pos_inf()
+        low, high = _ZERO, arb.pos_inf()
         if self.integral.is_zero():
-            high = _ZERO
-        low = size.lower() * (-self.alpha * (arb(u[1]) - start)).exp() if not math.isinf(u[1]) else _ZERO
-        return arb(low.lower()) if low > 0 else _ZERO, arb(high.upper())
+            return low, _ZERO
+        if not math.isinf(u[1]):
+            low = self.controllers.integral_size_below(self.integral, u[1])[0]
+        if not math.isinf(u[0]):
+            high = self.controllers.integral_size_above(self.integral, u[0])[1]
+        return low if low > 0 else _ZERO, high
 
     def _integral_response(self, u: Interval) -> acb:
         """The integral's part of C, over an interval that is not a tail."""
-        return self.integral * (-self.alpha * acb(ball_of(u) - self.controllers.reference, arb.pi() / 2)).exp()
+        return self.controllers.integral_response(self.integral, u)
 
     def _derivative_response(self, u: Interval) -> acb:
         """The derivative's part of C, over an interval that is not a tail."""
@@ -155,9 +159,7 @@ class LoopGainBounds:
         key = (self.point, u)
         if key not in known:
             over = self.problem.plant_enclosure(self.point, u)
-            top, bottom = over.numerator, over.d
-            high = top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
-            low = top.abs_lower() / bottom.abs_upper() if bottom.abs_upper() > 0 else _ZERO
+            low, high = over.filtered_plant_size
             known[key] = arb(low.lower()), arb(high.upper())
         return known[key]
 
@@ -171,14 +173,14 @@ class LoopGainBounds:
     def is_decreasing(self, u: Interval) -> bool:
         """Whether |L| decreases with the frequency all over an interval that is not a tail."""
         slope = self.problem.plant_enclosure(self.point, u).log_slope.real
-        own = acb(-self.alpha) if self.kp.is_zero() else acb(0)
+        own = self.controllers.integral_slope(u) if self.kp.is_zero() else acb(0)
         if not self.derivative.is_zero():
             # d(kd D)/du = kd D/(1 + j omega Tf)
             lag = 1 / (1 + acb(0, ball_of(u).exp() * self.controllers.filter_time))
             own = (self._derivative_response(u) * lag - self._integral_response(u)) / self._response(u)
         elif not self.kp.is_zero() and not self.integral.is_zero():
             z = self._integral_response(u)
-            own = -self.alpha * (z / (self.kp + z))
+            own = self.controllers.integral_slope(u) * (z / (self.kp + z))
         if slope + own.real < 0:
             return True
         if not self.is_positive:
@@ -286,7 +288,8 @@ def gain_ratio_stays_beyond(problem: Problem, point: tuple[float, ...], omega: f
             ratio = abs(top[0] / top[1] * (nominal.d / own.d))
             return ratio > 0 and ratio.is_finite() and bool(abs(ratio.log()) >= most)
 
-        problem.gain_ratios[key] = _covered(settled, math.log(omega) - _ROUNDING, math.inf, _ROUNDING, _MOST_OF_RATIO)
+        first = problem.u_interval((omega, omega))[0] - _ROUNDING
+        problem.gain_ratios[key] = _covered(settled, first, math.inf, _ROUNDING, _MOST_OF_RATIO)
     return problem.gain_ratios[key]
 
 

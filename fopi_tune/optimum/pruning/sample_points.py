@@ -58,7 +58,7 @@ def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: lis
 
 def spread_reasons(problem: Problem, points: list[tuple[float, ...]]) -> list[Reason]:
     """Of each plant the lowest frequency from which on its gain is too far from the nominal one's, if there is one."""
-    if problem.crossover_rad_s is not None:
+    if problem.crossover_rad_s is not None or problem.is_on_samples:
         return []
     corners = _corner_frequencies(problem.family)
     grid = np.geomspace(corners.min() / _BEYOND, corners.max() * _BEYOND, _FINE)
@@ -165,7 +165,7 @@ def _grid(problem: Problem, low: float, high: float) -> list[float]:
         last = max(last, _BEYOND / problem.measurement_filter.time_constant_s)
     if problem.crossover_rad_s is not None:
         first, last = min(first, problem.crossover_rad_s / _BEYOND), max(last, problem.crossover_rad_s * _BEYOND)
-    first, last = max(first, low), min(last, high)
+    first, last, high = max(first, low), min(last, high, problem.highest_rad_s), min(high, problem.highest_rad_s)
     if low > 0.0 and first > last:
         first = last = low
     if first > last:
@@ -178,13 +178,16 @@ def _grid(problem: Problem, low: float, high: float) -> list[float]:
 def further_reasons(problem: Problem, centres: Array, points: list[tuple[float, ...]]) -> list[Reason]:
     """The worst frequency and plant of every condition on a response, for controllers that were not discarded."""
     centres = centres[~gains_at(problem.parametrization, centres).is_zero]
+    if problem.is_on_samples and len(centres) > 1:
+        several = (further_reasons(problem, centre[None], points) for centre in centres)
+        return list(dict.fromkeys(reason for found in several for reason in found))
     if not len(centres):
         return []
     loops, plants = _loops(problem, centres, points)
     found: list[Reason] = []
     for k, condition in enumerate(problem.conditions.every):
         if condition.test is Test.RESPONSE:
-            found += _worst(k, condition, loops, plants, len(centres))
+            found += _worst(problem, k, condition, loops, plants, len(centres))
     return found
 
 
@@ -218,7 +221,7 @@ def _excesses(condition: Condition, loops: Loops, plants: Array, count: int) -> 
     return (excess[:, :1], omega[:, :1]) if condition.nominal else (excess, omega)
 
 
-def _worst(k: int, condition: Condition, loops: Loops, plants: Array, count: int) -> list[Reason]:
+def _worst(problem: Problem, k: int, condition: Condition, loops: Loops, plants: Array, count: int) -> list[Reason]:
     excess, omega = _excesses(condition, loops, plants, count)
     if excess is None:
         return []
@@ -227,9 +230,9 @@ def _worst(k: int, condition: Condition, loops: Loops, plants: Array, count: int
     best = np.argmax(np.where(np.isfinite(excess), excess, -np.inf), axis=1)
     for row, plant in enumerate(best.tolist()):
         where = float(omega[row, plant])
-        if not excess[row, plant] > -_NEAR or not 0.0 < where < math.inf:
+        if not excess[row, plant] > -_NEAR or not 0.0 < where < problem.highest_rad_s:
             continue
         rounded = math.exp(round(math.log(where) / _GRAIN) * _GRAIN)
-        rounded = min(max(rounded, low), high)
+        rounded = min(max(rounded, low), high, problem.highest_rad_s)
         found.append(Reason(k, tuple(plants[plant].tolist()), (rounded,)))
     return found

@@ -21,14 +21,17 @@ from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.peaks import Response
+from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.terms.derivatives import Derivatives
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
+from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test
 from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.pruning.response_bounds import quadratic
+from fopi_tune.optimum.samples.gains import SampledCrossoverParametrization, SampledGainParametrization
 
 _TINY = 1e-300
 
@@ -75,10 +78,14 @@ class TaylorModels:
 def taylor_models(parametrization: Parametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
     """Taylor models of C over n boxes at ln s, of shape (m,) for all boxes or (n, m)."""
     log_s = np.atleast_2d(log_s)
+    if isinstance(parametrization, SampledCrossoverParametrization):
+        return _on_circle_of_samples(parametrization, boxes, log_s)
     if isinstance(parametrization, CrossoverParametrization):
         return _on_circle(parametrization, boxes, log_s)
     if isinstance(parametrization, DerivativeParametrization):
         return _linear(parametrization, boxes, log_s)
+    if isinstance(parametrization, SampledGainParametrization):
+        return _on_samples(parametrization, boxes, log_s)
     assert isinstance(parametrization, GainParametrization)
     exponent = log_s - math.log(parametrization.omega_rad_s)
     kp, z, alpha = (column[:, None] for column in boxes.middle.T)
@@ -89,6 +96,20 @@ def taylor_models(parametrization: Parametrization, boxes: Boxes, log_s: Complex
     with np.errstate(over="ignore"):
         remainder = np.abs(rho) * x * np.exp(x) * (wide_z + 0.5 * np.abs(z) * x)
     return TaylorModels(kp + integral, [np.ones_like(rho), rho, -exponent * integral], remainder)
+
+
+def _on_samples(parametrization: SampledGainParametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
+    """(1) of `fopi_tune.optimum.samples.gains`."""
+    kp, z, alpha = (column[:, None] for column in boxes.middle.T)
+    _, wide_z, wide_alpha = (column[:, None] for column in boxes.half.T)
+    log_unit = math.log(parametrization.omega_rad_s)
+    value, slope, bend = parametrization.filter.in_floats(np.exp(log_s) + 0.0 * alpha, alpha)
+    value, slope = value * np.exp(alpha * log_unit), slope + log_unit
+    rest = 0.5 * np.abs(bend) * wide_alpha**2
+    x = np.minimum(np.abs(slope) * wide_alpha + rest, 300.0)
+    grown = x * np.exp(x)
+    remainder = np.abs(value) * (wide_z * grown + np.abs(z) * (0.5 * x * grown + rest))
+    return TaylorModels(kp + z * value, [np.ones_like(value), value, z * value * slope], remainder)
 
 
 def _linear(parametrization: DerivativeParametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
@@ -113,6 +134,31 @@ def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: C
     remainder = np.abs(x) * wide_psi * (0.5 * wide_psi * (1 + np.abs(h)) + np.abs(first) * wide_alpha)
     remainder = remainder + np.abs(x.imag) * np.abs(second) * wide_alpha**2 / 2
     return TaylorModels(x.real + x.imag * h, [x.imag * first, -x.imag + x.real * h], remainder)
+
+
+def _on_circle_of_samples(
+    parametrization: SampledCrossoverParametrization, boxes: Boxes, log_s: Complex
+) -> TaylorModels:
+    """(2) of `fopi_tune.optimum.samples.gains`."""
+    alpha, psi = (column[:, None] for column in boxes.middle.T)
+    wide_alpha, wide_psi = (column[:, None] for column in boxes.half.T)
+    x = -np.exp(1j * psi) / complex(parametrization.plant)
+    at, at1, at2 = _with_derivatives(parametrization, 1j * float(parametrization.nu.mid()) + 0.0 * alpha, alpha)
+    value, first, second = _with_derivatives(parametrization, np.exp(log_s) + 0.0 * alpha, alpha)
+    h = (value - at.real) / at.imag
+    h1 = (first - at1.real - h * at1.imag) / at.imag
+    h2 = (second - at2.real - 2.0 * h1 * at1.imag - h * at2.imag) / at.imag
+    remainder = np.abs(x) * wide_psi * (0.5 * wide_psi * (1 + np.abs(h)) + np.abs(h1) * wide_alpha)
+    remainder = remainder + np.abs(x.imag) * np.abs(h2) * wide_alpha**2 / 2
+    return TaylorModels(x.real + x.imag * h, [x.imag * h1, -x.imag + x.real * h], remainder)
+
+
+def _with_derivatives(
+    parametrization: SampledCrossoverParametrization, w: Complex, alpha: Array
+) -> tuple[Complex, Complex, Complex]:
+    """F with its first and second derivatives in alpha."""
+    value, slope, bend = parametrization.filter.in_floats(w, alpha)
+    return value, value * slope, value * (slope * slope + bend)
 
 
 @dataclass(frozen=True)
@@ -143,7 +189,16 @@ class Gains:
         return np.asarray((self.kp == 0.0) & (self.ki == 0.0) & rest)
 
     def loops(self, problem: Problem, points: Array) -> Loops:
-        """Each with every plant, a point of shape (p,) each: row = controller * plants + plant."""
+        """Each with every plant, a point of shape (p,) each: row = controller * plants + plant.
+
+        On samples there is one controller, and its filter is that of the exported code.
+        """
+        if problem.is_on_samples:
+            controller, plants = self.controller(problem.measurement_filter), Plants.members(problem.family, points)
+            implementation = designed_implementation(problem.spec, controller)
+            assert implementation is not None
+            assert len(self.kp) == 1
+            return SampledLoops.implemented(controller, implementation, plants)
         n, m, family = len(self.kp), len(points), problem.family
         rows, plants = np.repeat(np.arange(n), m), Plants.members(family, points).take(np.tile(np.arange(m), n))
         derivatives = None if self.derivatives is None else self.derivatives.take(rows)
@@ -173,6 +228,9 @@ def gains_at(parametrization: Parametrization, coordinates: Array) -> Gains:
     assert isinstance(parametrization, CrossoverParametrization)
     alpha, psi = coordinates.T
     x = -np.exp(1j * psi) / complex(parametrization.plant)
+    if isinstance(parametrization, SampledCrossoverParametrization):
+        at = parametrization.filter.in_floats(1j * float(parametrization.nu.mid()) + 0.0 * alpha, alpha)[0]
+        return Gains(x.real - x.imag * at.real / at.imag, x.imag / at.imag, alpha)
     a = 0.5 * np.pi * alpha
     return Gains(x.real + x.imag / np.tan(a), -x.imag * parametrization.omega_rad_s**alpha / np.sin(a), alpha)
 

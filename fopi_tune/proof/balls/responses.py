@@ -196,6 +196,20 @@ class LoopEnclosure:
         most = gain * top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
         return gain * top.abs_lower() / bottom.abs_upper(), most
 
+    @property
+    def filtered_plant_size(self) -> tuple[arb, arb]:
+        """The same of F P, F the measurement filter."""
+        top, bottom = self._filtered_sides
+        gain = abs(self.plant.gain.value)
+        most = gain * top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
+        least = gain * top.abs_lower() / bottom.abs_upper() if bottom.abs_upper() > 0 else _ZERO
+        return least, most
+
+    @property
+    def _filtered_sides(self) -> tuple[acb, acb]:
+        """F P without delay and `gain` as a quotient."""
+        return self.numerator, self.d
+
     @computed_once
     def plant_sides(self) -> tuple[acb, acb]:
         """P without delay, `gain` and measurement filter as a quotient:  N/D is F P, and 1/F a polynomial."""

@@ -77,6 +77,10 @@ class SampledBallLoop(BallLoop):
     @cached_property
     def sections(self) -> Sections:
         """Poles and residues of C in w."""
+        return self.sections_here()
+
+    def sections_here(self) -> Sections:
+        """The same at the current precision, without the cache."""
         return sections_of(self.implementation)
 
     @cached_property
@@ -294,6 +298,10 @@ class SampledLoopEnclosure(LoopEnclosure):
         (top, bottom), delay = self._over_power, self.delay
         assert delay is not None, "a hold is late by a sample at least"
         return top * delay, bottom
+
+    @property
+    def _filtered_sides(self) -> tuple[acb, acb]:
+        return self._over_power if self.at.is_beyond_one else super()._filtered_sides
 
     @computed_once
     def plant_sides(self) -> tuple[acb, acb]:

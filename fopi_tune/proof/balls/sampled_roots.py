@@ -12,7 +12,7 @@ from flint import acb, acb_poly, arb, arb_poly, ctx
 from fopi_tune.proof.balls.argument_principle import count_right_half_plane_zeros
 from fopi_tune.proof.balls.plant import PlantEnclosure
 from fopi_tune.proof.balls.sampled import SampledBallLoop
-from fopi_tune.proof.balls.sampled_controllers import sections_of
+from fopi_tune.proof.balls.sampled_controllers import Sections
 
 #: for more closed-loop poles than this they are counted by the argument principle, not computed
 MOST_ROOTS = 40
@@ -32,15 +32,15 @@ def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int |
     """
     with ctx.workprec(_ROOT_PRECISION):
         plant = loop.plant([arb(value) for value in theta])
-        if plant.late + len(plant.denominator) + len(loop.implementation.sections.poles) <= MOST_ROOTS:
-            count = _count_by_roots(loop, plant)
+        sections = loop.sections_here()
+        if plant.late + len(plant.denominator) + len(sections[1]) <= MOST_ROOTS:
+            count = _count_by_roots(sections, plant)
             if count is not None:
                 return count
     return count_right_half_plane_zeros(loop, loop.plant([arb(value) for value in theta]), loop.has_integrator)
 
 
-def _count_by_roots(loop: SampledBallLoop, plant: PlantEnclosure) -> int | None:
-    sections = sections_of(loop.implementation)
+def _count_by_roots(sections: Sections, plant: PlantEnclosure) -> int | None:
     bottom = arb_poly([c.value for c in reversed(plant.denominator)])
     for sigma, _ in sections[1]:
         bottom = bottom * arb_poly([sigma, 1])
@@ -65,7 +65,7 @@ def _right_roots(coefficients: list[arb]) -> int | None:
     return None if any(root.real.contains(0) for root in roots) else sum(bool(root.real > 0) for root in roots)
 
 
-def _numerator_of(sections: tuple[arb, tuple[tuple[arb, arb], ...]]) -> arb_poly:
+def _numerator_of(sections: Sections) -> arb_poly:
     """C(w) prod_k (w + sigma_k)."""
     direct, pairs = sections
     top = arb_poly([direct])
