@@ -45,10 +45,13 @@ class SampledBoxLoop(SampledBallLoop):
             return None
         used = unit_loop.gains.measurement_filter
         controller = FoPi(*gains, float(alpha.mid()), measurement_filter=used)
-        return cls(controller, unit_loop.family, unit_loop.implementation, controllers.filter, controllers.centre)
+        return cls(
+            controller, unit_loop.family, unit_loop.implementation, controllers.filters.filter, controllers.centre
+        )
 
     def sections_here(self) -> Sections:
-        return self.filter.sections(*self.centre)
+        kp, ki, alpha = self.centre
+        return self.filter.at_order(alpha).sections(kp, ki)
 
 
 @dataclass(frozen=True)

@@ -85,8 +85,6 @@ class ControllerBox(ABC):
     centre: tuple[arb, arb, arb]
     derivative: arb = _ZERO
     filter_time: arb = _ZERO
-    #: whether the integral is ki s^-alpha itself, of which more is known than its enclosures tell
-    has_closed_forms: bool = True
 
     @property
     def pid(self) -> Pid | None:
@@ -127,6 +125,20 @@ class ControllerBox(ABC):
     def integral_response(self, integral: arb, u: Interval) -> acb:
         """Over an interval of u that is not a tail."""
         return integral * (-self.alpha * acb(ball_of(u) - self.reference, arb.pi() / 2)).exp()
+
+    @property
+    def integral_unit(self) -> arb:
+        """What the integral's gain is for ki = 1."""
+        return (-self.alpha * self.reference).exp()
+
+    def integral_lag(self, u: Interval) -> arb:
+        """The angle a by which it lags, over an interval that may be a tail; at most 90 deg for orders up to 1."""
+        return self.alpha * arb.pi() / 2
+
+    def steepest_rise(self, u: Interval) -> arb:
+        """The most that d ln|C|/du is for orders above 1 where kp and ki are not negative."""
+        sine = self.integral_lag(u).sin()
+        return self.alpha * (1 - sine) / (2 * sine)
 
     def integral_slope(self, u: Interval) -> acb:
         """The derivative of its logarithm in u, over an interval that is not a tail."""

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 from flint import acb, arb
 
@@ -74,28 +73,17 @@ class LoopGainBounds:
         kp, integral = controllers.ends
         if not whole:
             kp = _allowed(kp, box.kp)
-            integral = _allowed(integral, box.ki, (-alpha * controllers.reference).exp())
+            integral = _allowed(integral, box.ki, controllers.integral_unit)
         if controllers.pid is not None:
             low, high = controllers.derivative.lower(), controllers.derivative.upper()
             kd = (arb(low), arb(high)) if whole else _allowed((arb(low), arb(high)), box.kd)
             balls = kp[0].union(kp[1]), integral[0].union(integral[1])
             return cls(problem, controllers, *balls, alpha, point, False, 1, kd[0].union(kd[1]))
-        if not controllers.has_closed_forms:
-            return cls(problem, controllers, kp[0].union(kp[1]), integral[0].union(integral[1]), alpha, point, False)
         if kp[1] <= 0 and integral[1] <= 0:
             balls = (-kp[1]).union(-kp[0]), (-integral[1]).union(-integral[0])
             return cls(problem, controllers, *balls, alpha, point, True, -1)
         positive = bool(kp[0] >= 0 and integral[0] >= 0)
         return cls(problem, controllers, kp[0].union(kp[1]), integral[0].union(integral[1]), alpha, point, positive)
-
-    @cached_property
-    def _angle(self) -> arb:
-        return self.alpha * arb.pi() / 2
-
-    @cached_property
-    def _sine(self) -> arb:
-        """sin a; 1 where a <= 90 deg."""
-        return arb(1) if self.alpha <= 1 else self._angle.sin()
 
     def _integral_size(self, u: Interval) -> tuple[arb, arb]:
         """The smallest and the largest z."""
@@ -144,7 +132,9 @@ class LoopGainBounds:
             if self.alpha <= 1:
                 found = (kp_low**2 + low**2).sqrt()
             else:
-                found = _larger(found, _larger(kp_low, low) * self._sine)
+                sine = self.controllers.integral_lag(u).sin()
+                if sine > 0:
+                    found = _larger(found, _larger(kp_low, low) * arb(sine.lower()))
         if not math.isinf(u[0]) and not math.isinf(u[1]):
             value = self._response(u)
             if value.is_finite():
@@ -185,7 +175,7 @@ class LoopGainBounds:
             return True
         if not self.is_positive:
             return False
-        most = _ZERO if self.alpha <= 1 else self.alpha * (1 - self._sine) / (2 * self._sine)
+        most = _ZERO if self.alpha <= 1 else self.controllers.steepest_rise(u)
         return bool(slope + most < 0)
 
     def has_no_crossover(self, low: float, high: float, only_below: bool = False) -> bool:
@@ -233,9 +223,10 @@ class LoopGainBounds:
         """C lags P by an angle of at most a, that of kp + z e^{ja}, which rises with z/kp."""
         low, high = self._integral_size(u)
         kp = arb(self.kp.lower()), arb(self.kp.upper())
-        turn = acb(self._angle.cos(), self._angle.sin())
+        angle = self.controllers.integral_lag(u)
+        turn = acb(angle.cos(), angle.sin())
         least = (kp[1] + low * turn).arg() if low > 0 else _ZERO
-        most = (kp[0] + high * turn).arg() if high.is_finite() and kp[0] > 0 else self._angle
+        most = (kp[0] + high * turn).arg() if high.is_finite() and kp[0] > 0 else angle
         start = p.arg() if p.real > 0 or not p.imag.contains(0) else arb.pi() + (-p).arg()
         first, last = start - most, start - least
         if not first.is_finite() or not last.is_finite():

@@ -4,16 +4,23 @@ With w = (z - 1)/(z + 1), s = 2 w/Ts, the filter of `fopi_tune.digital.oustaloup
 
     F = (wm^(1 - alpha) Ts/2)/w  prod_k  ((w + a_k)/(w + b_k)) (|j mu + b_k|/|j mu + a_k|) ,                        (1)
 
-wm the middle of the band, mu = wm Ts/2, and a_k, b_k = e^(c + d alpha) the corners times Ts/2; of the modified filter
-one b_k is a_k/alpha.  With e = 1 for zeros and -1 for poles, and ' the derivative in alpha of a corner x,
+wm the middle of the band, mu = wm Ts/2, and a_k, b_k = e^g, g = c + d alpha, the corners times Ts/2; of the modified
+filter one has g = c - ln alpha.  With e = 1 for zeros and -1 for poles, p = x/(w + x) of a corner x, and
 
-    (ln F)'  = -ln wm + sum e (x'/(w + x) - x x'/(mu^2 + x^2)) ,                                                    (2)
-    (ln F)'' = sum e (x''/(w + x) - (x'/(w + x))^2 - (x'^2 + x x'')/(mu^2 + x^2) + 2 (x x'/(mu^2 + x^2))^2) ,       (3)
-    d ln F/d ln w = -1 + sum e w/(w + x) .                                                                          (4)
+    l1 = p ,   l2 = p (1 - p) ,   l3 = l2 (1 - 2 p) ,   l4 = l2 (1 - 6 p + 6 p^2) ,
+
+the derivatives of ln(w + e^g) by g, and g1 to g4 those of g by alpha, those of ln F by alpha are
+
+    y1 = -ln wm + sum e [l1 g1] ,   y2 = sum e [l2 g1^2 + l1 g2] ,   y3 = sum e [l3 g1^3 + 3 l2 g1 g2 + l1 g3] ,
+    y4 = sum e [l4 g1^4 + 6 l3 g1^2 g2 + l2 (3 g2^2 + 4 g1 g3) + l1 g4] ,                                           (2)
+
+[.] less its real part at w = j mu, and
+
+    d ln F/d ln w = -1 + sum e (1 - p) ,   its derivatives by alpha   -sum e l2 g1 ,   -sum e (l3 g1^2 + l2 g2) .   (3)
 
 The exported filter has the same numbers, rounded to doubles.
 
-Source: derived; (1) is (1) and (3) of `fopi_tune.digital.oustaloup` with s = 2 w/Ts, (2) to (4) are its derivatives.
+Source: derived; (1) is (1) and (3) of `fopi_tune.digital.oustaloup` with s = 2 w/Ts, (2) and (3) are its derivatives.
 """
 
 from __future__ import annotations
@@ -29,8 +36,83 @@ from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.digital.discretize import Method
 from fopi_tune.spec.model import DigitalSpec
 
-#: a corner's e, c, d, and whether it is divided by alpha
+#: a corner's e, c, d, and whether g is c - ln alpha
 _Corner = tuple[int, arb, arb, bool]
+
+
+@dataclass(frozen=True)
+class FilterAtOrder:
+    """F of (1) at one order, or at all orders of a ball.
+
+    Args:
+        gain: F w prod (w + b_k)/(w + a_k), which does not depend on w.
+        log_middle: ln wm.
+        middle: j mu.
+        corners: zeros and poles in turn: e, x, and the derivatives of g.
+    """
+
+    gain: arb
+    log_middle: arb
+    middle: acb
+    corners: tuple[tuple[int, arb, tuple[arb, arb, arb, arb]], ...]
+
+    def value(self, w: acb) -> acb:
+        """F by (1)."""
+        found = self.gain / w
+        for (_, zero, _), (_, pole, _) in zip(self.corners[::2], self.corners[1::2], strict=True):
+            found = found * ((w + zero) / (w + pole))
+        return found
+
+    @cached_property
+    def _at_middle(self) -> tuple[acb, acb, acb, acb]:
+        return self._sums(self.middle)
+
+    def _sums(self, w: acb) -> tuple[acb, acb, acb, acb]:
+        """The sums of (2) without what is taken off."""
+        one, two, three, four = acb(0), acb(0), acb(0), acb(0)
+        for side, x, (g1, g2, g3, g4) in self.corners:
+            l1 = x / (w + x)
+            l2 = l1 * (1 - l1)
+            l3, l4 = l2 * (1 - 2 * l1), l2 * (1 - 6 * l2)
+            turn, square = side * g1, g1 * g1
+            one, two = one + l1 * turn, two + l2 * (turn * g1)
+            three, four = three + l3 * (turn * square), four + l4 * (turn * square * g1)
+            if not g2.is_zero():
+                two, three = two + side * (l1 * g2), three + side * (3 * l2 * g1 * g2 + l1 * g3)
+                four = four + side * (6 * l3 * square * g2 + l2 * (3 * g2 * g2 + 4 * g1 * g3) + l1 * g4)
+        return one, two, three, four
+
+    def log_derivatives(self, w: acb) -> tuple[acb, acb, acb, acb]:
+        """(2)."""
+        (one, two, three, four), off = self._sums(w), self._at_middle
+        return one - off[0].real - self.log_middle, two - off[1].real, three - off[2].real, four - off[3].real
+
+    def slopes(self, w: acb) -> tuple[acb, acb, acb]:
+        """(3)."""
+        slope, first, second = acb(-1), acb(0), acb(0)
+        for side, x, (g1, g2, _, _) in self.corners:
+            p = x / (w + x)
+            l2 = p * (1 - p)
+            # sum e of one over zeros and poles in turn is 0
+            slope, first = slope - side * p, first - l2 * (side * g1)
+            second = second - side * (l2 * (1 - 2 * p) * (g1 * g1) + l2 * g2)
+        return slope, first, second
+
+    def sections(self, kp: arb, ki: arb) -> tuple[arb, tuple[tuple[arb, arb], ...]]:
+        """kp + ki F as  direct + sum_k rho_k/(w + sigma_k)."""
+        if ki.is_zero():
+            return kp, ()
+        zeros, poles = [x for _, x, _ in self.corners[::2]], [arb(0), *(x for _, x, _ in self.corners[1::2])]
+        pairs = []
+        for k, pole in enumerate(poles):
+            rho = ki * self.gain
+            for zero in zeros:
+                rho = rho * (zero - pole)
+            for i, other in enumerate(poles):
+                if i != k:
+                    rho = rho / (other - pole)
+            pairs.append((pole, rho))
+        return kp, tuple(pairs)
 
 
 @dataclass(frozen=True)
@@ -72,109 +154,42 @@ class FilterOfOrder:
             found += [(1, fast, arb(0), False), (-1, fast, arb(0), True)]
         return tuple(found)
 
-    def corners_at(self, alpha: arb) -> list[tuple[int, arb]]:
-        """e and the corner of each factor of (1) at an order."""
-        return [(side, self._corner(alpha, c, d, over)) for side, c, d, over in self._corners]
-
-    @staticmethod
-    def _corner(alpha: arb, c: arb, d: arb, over: bool) -> arb:
-        size = (c + d * alpha).exp()
-        return size / alpha if over else size
-
-    def gain(self, alpha: arb) -> arb:
-        """F w prod (w + b_k)/(w + a_k): what does not depend on w."""
-        square = (self._middle_nu) ** 2
-        size = ((1 - alpha) * self._log_middle).exp() * self._half
-        for side, corner in self.corners_at(alpha):
-            factor = (square + corner * corner).sqrt()
-            size = size / factor if side > 0 else size * factor
-        return size
-
-    @cached_property
-    def _middle_nu(self) -> arb:
-        """mu."""
-        return self._log_middle.exp() * self._half
-
-    def value(self, w: acb, alpha: arb) -> acb:
-        """F by (1)."""
-        found = self.gain(alpha) / w
-        for side, corner in self.corners_at(alpha):
-            found = found * (w + corner) if side > 0 else found / (w + corner)
-        return found
-
-    def slopes(self, w: acb, alpha: arb) -> tuple[acb, acb]:
-        """(ln F)' and (ln F)'' by (2) and (3)."""
-        first, second, square = acb(-self._log_middle), acb(0), self._middle_nu**2
+    def at_order(self, alpha: arb) -> FilterAtOrder:
+        """F at one order, or at all orders of a ball."""
+        nothing, middle = arb(0), self._log_middle.exp() * self._half
+        gain, square = ((1 - alpha) * self._log_middle).exp() * self._half, middle * middle
+        corners = list[tuple[int, arb, tuple[arb, arb, arb, arb]]]()
         for side, c, d, over in self._corners:
-            x = self._corner(alpha, c, d, over)
-            rate = d - 1 / alpha if over else d
-            up = x * rate
-            bend = x * (rate * rate + (1 / alpha**2 if over else 0))
-            share, part, size = up / (w + x), bend / (w + x), square + x * x
-            turn = x * up / size
-            first = first + side * (share - turn)
-            second = second + side * (part - share * share - (up * up + x * bend) / size + 2 * turn * turn)
-        return first, second
-
-    def along(self, w: acb, alpha: arb) -> acb:
-        """(4)."""
-        found = acb(-1)
-        for side, corner in self.corners_at(alpha):
-            # w/(w + x) = 1 - x/(w + x)
-            found = found - side * (corner / (w + corner))
-        return found
-
-    def size_in_tail(self, nu: arb, alpha: arb, high: bool) -> tuple[arb, arb]:
-        """Bounds of |F| below nu, or above it: each factor of (1) lies between its value and its limit."""
-        least = most = self.gain(alpha) / nu
-        w = acb(0, nu)
-        corners = self.corners_at(alpha)
-        for (_, zero), (_, pole) in zip(corners[::2], corners[1::2], strict=True):
-            here, limit = abs((w + zero) / (w + pole)), arb(1) if high else zero / pole
-            both = here.union(limit)
-            least, most = least * both, most * both
-        if high:
-            return arb(0), arb(most.upper())
-        return arb(least.lower()), arb.pos_inf()
-
-    def sections(self, kp: arb, ki: arb, alpha: arb) -> tuple[arb, tuple[tuple[arb, arb], ...]]:
-        """kp + ki F as  direct + sum_k rho_k/(w + sigma_k)."""
-        if ki.is_zero():
-            return kp, ()
-        corners = self.corners_at(alpha)
-        zeros, poles = [x for side, x in corners if side > 0], [arb(0), *(x for side, x in corners if side < 0)]
-        gain, pairs = ki * self.gain(alpha), []
-        for k, pole in enumerate(poles):
-            rho = gain
-            for zero in zeros:
-                rho = rho * (zero - pole)
-            for i, other in enumerate(poles):
-                if i != k:
-                    rho = rho / (other - pole)
-            pairs.append((pole, rho))
-        return kp, tuple(pairs)
+            x = (c + d * alpha).exp()
+            rates = (d, nothing, nothing, nothing)
+            if over:
+                x, rates = x / alpha, (-1 / alpha, 1 / alpha**2, -2 / alpha**3, 6 / alpha**4)
+            size = (square + x * x).sqrt()
+            gain = gain / size if side > 0 else gain * size
+            corners.append((side, x, rates))
+        return FilterAtOrder(gain, self._log_middle, acb(0, middle), tuple(corners))
 
     # -- in floating point --------------------------------------------------------------------------------------------
 
     @cached_property
     def _table(self) -> tuple[Array, float, float]:
-        """e, c, d and the share of -ln alpha of the corners, shape (n, 4); ln wm and ln Ts/2."""
+        """e, c, d and whether g is c - ln alpha, shape (n, 4); ln wm and ln Ts/2."""
         rows = [(side, float(c.mid()), float(d.mid()), float(over)) for side, c, d, over in self._corners]
         table = np.array(rows, dtype=float).reshape(len(rows), 4)
         return table, float(self._log_middle.mid()), math.log(0.5 * self.digital.sample_time_s)
 
     def in_floats(self, w: Complex, alpha: Array) -> tuple[Complex, Complex, Complex]:
-        """F, (ln F)' and (ln F)'' for arrays that go together."""
+        """F, y1 and y2 for arrays that go together."""
         table, log_middle, log_half = self._table
-        square = np.exp(2.0 * (log_middle + log_half))
+        middle = 1j * np.exp(log_middle + log_half)
         log = (1.0 - alpha) * log_middle + log_half - np.log(w)
         first, second = -log_middle + 0.0 * w, 0.0 * w
         for side, c, d, over in table:
             x = np.exp(c + d * alpha) / (alpha if over else 1.0)
-            rate = d - over / alpha
-            up, bend, size = x * rate, x * (rate * rate + over / alpha**2), square + x * x
-            share, turn = up / (w + x), x * up / size
-            log = log + side * (np.log(w + x) - 0.5 * np.log(size))
-            first = first + side * (share - turn)
-            second = second + side * (bend / (w + x) - share * share - (up * up + x * bend) / size + 2.0 * turn * turn)
+            rate, bend = d - over / alpha, over / alpha**2
+            here, there = x / (w + x), x / (middle + x)
+            log = log + side * (np.log(w + x) - np.log(np.abs(middle + x)))
+            first = first + side * rate * (here - there.real)
+            curve = [p * (1.0 - p) * rate**2 + p * bend for p in (here, there)]
+            second = second + side * (curve[0] - curve[1].real)
         return np.exp(log), first, second

@@ -6,9 +6,9 @@ With F of `filter_of_order`, G = ws^alpha F and y = ln G, over a box with centre
     |G - G_c| <= |G_c| x e^x ,   |G - G_c - G_c y'_c t| <= |G_c| (x^2/2 e^x + r) ,                                  (1)
     r = max |y''| h_alpha^2/2 ,   x = |y'_c| h_alpha + r .
 
-With a fixed nominal crossover, C(wc) = x, and F_c = F(wc) = R + jI,
+With a fixed nominal crossover, C(wc) = x, and F_c = F(wc) = R + jI = |F_c| e^(-j a),
 
-    ki = Im x/I ,   kp = Re x - Im x R/I ,   C = Re x + Im x h ,   h = (F - R)/I .                                   (2)
+    ki |F_c| = -Im x/sin a ,   kp = Re x + Im x cot a ,   C = Re x + Im x h ,   h = (F - R)/I .                     (2)
 
 `log_s` of the Taylor models is ln w, and u is ln nu.
 
@@ -31,8 +31,11 @@ from fopi_tune.optimum.parametrization import (
     GainParametrization,
     TaylorModel,
 )
+from fopi_tune.optimum.samples.filter_box import FilterBox
 from fopi_tune.optimum.samples.filter_of_order import FilterOfOrder
-from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
+from fopi_tune.proof.balls.box import Box, Interval, ball_of
+
+_ONE = arb(1)
 
 
 @dataclass(frozen=True)
@@ -41,9 +44,11 @@ class SampledGainParametrization(GainParametrization):
 
     Args:
         filter: F.
+        nu: tan(ws Ts/2); of a frequency below Nyquist's.
     """
 
     filter: FilterOfOrder
+    nu: arb
 
     def controllers(self, box: Box) -> ControllerBox:
         return SampledGainBox(self, box)
@@ -53,42 +58,38 @@ class BoxOnSamples(ControllerBox):
     """What the filter changes of a box.
 
     Attributes:
-        filter: F.
+        filters: F over the orders of the box.
+        scale: what the integral's gain is multiplied with where F is counted from its size at the anchor.
     """
 
-    filter: FilterOfOrder
-    has_closed_forms = False
-
-    def _unit(self, alpha: arb) -> arb:
-        """What the integral's gain counts: z = ki/unit."""
-        return (alpha * self.reference).exp()
-
-    def integral_response(self, integral: arb, u: Interval) -> acb:
-        return integral * self._response(u)
-
-    def _response(self, u: Interval) -> acb:
-        """G over the box and an interval of u, from its value at the centres of both and its slopes."""
-        (middle,), alpha = centre_of((u,)), arb(self.centre[2])
-        at, over = acb(0, arb(middle).exp()), acb(0, ball_of(u).exp())
-        value = self.filter.value(at, alpha) * self._unit(alpha)
-        turn = (self.filter.slopes(over, self.alpha)[0] + self.reference) * (self.alpha - alpha)
-        return value * (turn + self.filter.along(over, self.alpha) * (ball_of(u) - arb(middle))).exp()
-
-    def integral_slope(self, u: Interval) -> acb:
-        return self.filter.along(acb(0, ball_of(u).exp()), self.alpha)
+    filters: FilterBox
+    scale: arb
 
     def integral_size_below(self, integral: arb, u: float) -> tuple[arb, arb]:
-        return self._size_in_tail(integral, u, high=False)
+        least = (abs(integral) * self.scale).lower() * self.filters.sizes(u)[0]
+        return arb(least.lower()), arb.pos_inf()
 
     def integral_size_above(self, integral: arb, u: float) -> tuple[arb, arb]:
-        return self._size_in_tail(integral, u, high=True)
+        most = (abs(integral) * self.scale).upper() * self.filters.sizes(u)[1]
+        return arb(0), arb(most.upper())
 
-    def _size_in_tail(self, integral: arb, u: float, high: bool) -> tuple[arb, arb]:
-        size, (low, most) = (
-            abs(integral) * self._unit(self.alpha),
-            self.filter.size_in_tail(arb(u).exp(), self.alpha, high),
-        )
-        return arb((size.lower() * low).lower()), arb((size.upper() * most).upper())
+    def integral_lag(self, u: Interval) -> arb:
+        return self.filters.lag(u)
+
+    def integral_slope(self, u: Interval) -> acb:
+        return self.filters.slope(u)
+
+    def steepest_rise(self, u: Interval) -> arb:
+        # Re(q d ln F/du), q = 1/(1 + t e^(j a)), t >= 0, is at most m/(2 (1 + cos a)), m = Re(e^(-j a) d ln F/du)
+        lag, slope = self.filters.lag(u), self.filters.slope(u)
+        m = slope.real * lag.cos() + slope.imag * lag.sin()
+        if m <= 0:
+            return arb(0)
+        found = m / (2 * (1 + lag.cos()))
+        return arb(found.upper()) if found.is_finite() and 1 + lag.cos() > 0 else arb.pos_inf()
+
+    def integral_response(self, integral: arb, u: Interval) -> acb:
+        return integral * self.scale * self.filters.response(u)
 
 
 class SampledGainBox(BoxOnSamples, GainBox):
@@ -96,28 +97,31 @@ class SampledGainBox(BoxOnSamples, GainBox):
 
     def __init__(self, parametrization: SampledGainParametrization, box: Box) -> None:
         super().__init__(parametrization, box)
-        self.filter = parametrization.filter
+        self.filters = FilterBox(parametrization.filter, self.alpha, self.centre[2], parametrization.nu)
+
+    @cached_property
+    def scale(self) -> arb:
+        """ws^alpha |F| at the anchor."""
+        return self.filters.anchor_size(self.reference)
 
     def taylor_model(self, log_s: acb) -> TaylorModel:
         """Taylor model of (1)."""
-        w, alpha, z = log_s.exp(), arb(self.centre[2]), self._integral_c
+        w, z, alpha = log_s.exp(), self._integral_c, self.centre[2]
         _, wide_z, wide_alpha = self.half
-        value = self.filter.value(w, alpha) * self._unit(alpha)
-        slope = self.filter.slopes(w, alpha)[0] + self.reference
-        rest = abs(self.filter.slopes(w, self.alpha)[1]) * wide_alpha**2 / 2
+        value = self.filters.central.value(w) * (alpha * self.reference).exp()
+        slope = self.filters.central.log_derivatives(w)[0] + self.reference
+        rest = abs(self.filters.log_derivatives(w)[1]) * wide_alpha**2 / 2
         x = abs(slope) * wide_alpha + rest
         grown = x * x.exp()
         remainder = abs(value) * (wide_z * grown + abs(z) * (x / 2 * grown + rest))
         return TaylorModel(self.centre[0] + z * value, (acb(1), value, z * value * slope), arb(remainder.abs_upper()))
 
     def enclosure(self, u: Interval) -> ControllerEnclosure:
-        over = acb(0, ball_of(u).exp())
-        unit = self._response(u)
+        unit = self.scale * self.filters.response(u)
+        turn = self.filters.log_derivatives(acb(0, ball_of(u).exp()))[0] + self.reference
         integral = self.integral * unit
-        slope = self.filter.slopes(over, self.alpha)[0] + self.reference
-        return ControllerEnclosure(
-            self.kp + integral, (acb(1), unit, integral * slope), integral * self.filter.along(over, self.alpha)
-        )
+        slopes = acb(1), unit, integral * turn
+        return ControllerEnclosure(self.kp + integral, slopes, integral * self.filters.slope(u))
 
 
 @dataclass(frozen=True)
@@ -137,25 +141,50 @@ class SampledCrossoverParametrization(CrossoverParametrization):
 
 
 class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
-    """A box of alpha and psi."""
+    """A box of alpha and psi; the integral's gain is ki |F_c|."""
 
-    parametrization: SampledCrossoverParametrization
+    scale = _ONE
 
     def __init__(self, parametrization: SampledCrossoverParametrization, box: Box) -> None:
-        self.filter = parametrization.filter
+        self._over_filter = parametrization.filter
+        self._w = acb(0, parametrization.nu)
         super().__init__(parametrization, box)
+        self.filters = FilterBox(parametrization.filter, self.alpha, self._alpha_c, parametrization.nu)
+        # sharper: the lag at the crossover is monotone in the order
+        x, lag = self._point(self._psi), self.filters.lag_at_anchor
+        self.kp, self.integral = x.real + x.imag * lag.cot(), -x.imag / lag.sin()
 
-    def _at_crossover(self, alpha: arb) -> tuple[acb, acb, acb]:
-        """F_c with its first and second derivatives in alpha."""
-        return self._filter_at(acb(0, self.parametrization.nu), alpha)
-
-    def _filter_at(self, w: acb, alpha: arb) -> tuple[acb, acb, acb]:
-        value, (first, second) = self.filter.value(w, alpha), self.filter.slopes(w, alpha)
-        return value, value * first, value * (first * first + second)
+    @property
+    def integral_unit(self) -> arb:
+        return self.filters.anchor_size(arb(0))
 
     def _gains(self, x: acb, alpha: arb) -> tuple[arb, arb]:
-        at = self.filter.value(acb(0, self.parametrization.nu), alpha)
+        at = self._over_filter.at_order(alpha).value(self._w)
         return x.real - x.imag * at.real / at.imag, x.imag / at.imag
+
+    @cached_property
+    def _central(self) -> tuple[acb, acb, acb]:
+        """F_c with its derivatives in alpha at the central order."""
+        return self._central_at(self._w)
+
+    def _central_at(self, w: acb) -> tuple[acb, acb, acb]:
+        value, (first, second, _, _) = self.filters.central.value(w), self.filters.central.log_derivatives(w)
+        return value, value * first, value * (first * first + second)
+
+    @cached_property
+    def _over(self) -> tuple[acb, acb, acb]:
+        """F_c/|F_c| over the orders of the box, with derivatives."""
+        value, (first, second) = self.filters.anchor_value, self.filters.derivatives_from_anchor(self._w)
+        return value, value * first, value * (first * first + second)
+
+    @cached_property
+    def _over_in_size(self) -> tuple[acb, acb, acb]:
+        """F_c over the orders of the box, with its derivatives."""
+        value, (first, second) = self.filters.anchor_value * self.integral_unit, self.filters.anchor_derivatives
+        return value, value * first, value * (first * first + second)
+
+    def _at_crossover(self, alpha: arb) -> tuple[acb, acb, acb]:
+        return self._central if alpha is self._alpha_c else self._over_in_size
 
     def _kp_term(self, alpha: arb) -> tuple[arb, arb, arb]:
         """-R/I with its derivatives."""
@@ -166,32 +195,28 @@ class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
 
     def _ki_term(self, alpha: arb) -> tuple[arb, arb, arb]:
         """-1/I with its derivatives."""
-        value, first, second = self._at_crossover(alpha)
-        i, i1, i2 = value.imag, first.imag, second.imag
+        i, i1, i2 = (part.imag for part in self._at_crossover(alpha))
         return -1 / i, i1 / i**2, i2 / i**2 - 2 * i1**2 / i**3
-
-    def _h_on_samples(self, w: acb, alpha: arb) -> tuple[acb, acb, acb]:
-        """h with its derivatives."""
-        at, at1, at2 = self._at_crossover(alpha)
-        value, first, second = self._filter_at(w, alpha)
-        h = (value - at.real) / at.imag
-        h1 = (first - at1.real - h * at1.imag) / at.imag
-        return h, h1, (second - at2.real - 2 * h1 * at1.imag - h * at2.imag) / at.imag
 
     def taylor_model(self, log_s: acb) -> TaylorModel:
         w = log_s.exp()
-        h, first, _ = self._h_on_samples(w, self._alpha_c)
-        return self._taylor_model(self._x, h, first, *self._h_on_samples(w, self.alpha)[1:])
-
-    @cached_property
-    def _over_crossover(self) -> tuple[acb, acb, acb]:
-        return self._at_crossover(self.alpha)
+        h, first, _ = _from_crossover(self._central_at(w), self._central)
+        rates, over = self.filters.derivatives_from_anchor(w), self.filters.over_orders(w)
+        ahead = over, over * rates[0], over * (rates[0] * rates[0] + rates[1])
+        return self._taylor_model(self._x, h, first, *_from_crossover(ahead, self._over)[1:])
 
     def enclosure(self, u: Interval) -> ControllerEnclosure:
-        w, x = acb(0, ball_of(u).exp()), self._point(self._psi)
-        at, at1, _ = self._over_crossover
-        value = self._response(u)
+        x, (at, at1, _), value = self._point(self._psi), self._over, self.filters.response(u)
+        turn, along = self.filters.derivatives_from_anchor(acb(0, ball_of(u).exp()))[0], self.filters.slope(u)
         h = (value - at.real) / at.imag
-        first = (value * self.filter.slopes(w, self.alpha)[0] - at1.real - h * at1.imag) / at.imag
-        along = value * self.filter.along(w, self.alpha) / at.imag
-        return ControllerEnclosure(x.real + x.imag * h, (x.imag * first, -x.imag + x.real * h), x.imag * along)
+        first = (value * turn - at1.real - h * at1.imag) / at.imag
+        slopes = x.imag * first, -x.imag + x.real * h
+        return ControllerEnclosure(x.real + x.imag * h, slopes, x.imag * value * along / at.imag)
+
+
+def _from_crossover(at: tuple[acb, acb, acb], crossover: tuple[acb, acb, acb]) -> tuple[acb, acb, acb]:
+    """h of (2) with its derivatives, from those of F and of F_c."""
+    (value, first, second), (c, c1, c2) = at, crossover
+    h = (value - c.real) / c.imag
+    h1 = (first - c1.real - h * c1.imag) / c.imag
+    return h, h1, (second - c2.real - 2 * h1 * c1.imag - h * c2.imag) / c.imag
