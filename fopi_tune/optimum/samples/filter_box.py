@@ -16,15 +16,20 @@ Source: derived; (1) from partial fractions with positive residues, (2) term by 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any, TypeVar
 
 from flint import acb, arb
 
 from fopi_tune.optimum.samples.filter_of_order import FilterAtOrder, FilterOfOrder
 from fopi_tune.proof.balls.box import Interval, ball_of, centre_of
 
+_T = TypeVar("_T")
 #: half-widths of orders from which their ends tell something that the slopes do not, and more
 _NARROW, _WIDE = 0.01, 0.1
+#: responses that are kept
+_MOST_KNOWN = 512
 #: orders of one piece of a wide box
 _PIECE = 0.05
 
@@ -41,6 +46,8 @@ class FilterBox:
 
     def __init__(self, filtered: FilterOfOrder, alpha: arb, middle: arb, nu: arb) -> None:
         self.filter, self._alpha, self._middle, self._w = filtered, alpha, middle, acb(0, nu)
+        self._known: dict[tuple[str, Interval], Any] = {}
+        self._sizes_of_unit: dict[str, arb] = {}
 
     @cached_property
     def central(self) -> FilterAtOrder:
@@ -69,11 +76,10 @@ class FilterBox:
         return self._alpha - self._middle
 
     def log_derivatives(self, w: acb) -> tuple[acb, acb]:
-        """y1 and y2 of `filter_of_order`, (2), over the orders: by Taylor's theorem, as the terms of the sums cancel."""
+        """y1 and y2 of `filter_of_order`, (2), over the orders: by Taylor's theorem, as terms of the sums cancel."""
         if self._alpha.rad() > _WIDE:
             return self.over.log_derivatives(w)[:2]
-        (one, two, three, _), t = self.central.log_derivatives(w), self._shift
-        four = self.over.log_derivatives(w)[3]
+        (one, two, three), t, four = self.central.log_derivatives(w), self._shift, self.over.fourth_derivative(w)
         square = t * t
         first = one + t * two + square / 2 * three + square * t / 6 * four
         return first, two + t * three + square / 2 * four
@@ -101,6 +107,12 @@ class FilterBox:
 
     def anchor_size(self, log_unit: arb) -> arb:
         """|F(w_a)| e^(alpha log_unit) over the orders."""
+        key = log_unit.str()
+        if key not in self._sizes_of_unit:
+            self._sizes_of_unit[key] = self._anchor_size_of_all(log_unit)
+        return self._sizes_of_unit[key]
+
+    def _anchor_size_of_all(self, log_unit: arb) -> arb:
         low, high = arb(self._alpha.lower()), arb(self._alpha.upper())
         count = max(1, math.ceil(float((high - low).mid()) / _PIECE))
         pieces = [(low + (high - low) * k / count).union(low + (high - low) * (k + 1) / count) for k in range(count)]
@@ -116,15 +128,30 @@ class FilterBox:
         rate = box.anchor_derivatives[0].real + log_unit
         return abs(box.central.value(self._w)) * (middle * log_unit + rate * (piece - middle)).exp()
 
+    def _once(self, compute: Callable[[Interval], _T], u: Interval) -> _T:
+        """What is computed of an interval, kept: many boxes share their orders and intervals."""
+        key = compute.__name__, u
+        if key not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = compute(u)
+        return self._known[key]
+
     def sizes(self, u: float) -> tuple[arb, arb]:
         """Bounds of |F/F(w_a)| at a frequency, by (2)."""
-        w = acb(0, arb(u).exp())
+        return self._once(self._sizes, (u, u))
+
+    def _sizes(self, u: Interval) -> tuple[arb, arb]:
+        w = acb(0, arb(u[0]).exp())
         found = [abs(end.value(w) / anchor) for end, anchor in zip(self._ends, self._anchors, strict=True)]
         both = found[0].union(found[-1])
         return arb(both.lower()), arb(both.upper())
 
     def lag(self, u: Interval) -> arb:
         """-arg F over an interval of u, which may be a tail, by (1) and (2)."""
+        return self._once(self._lag, u)
+
+    def _lag(self, u: Interval) -> arb:
         quarter = arb.pi() / 2
         low = quarter if self._alpha > 1 else arb(0)
         high = quarter if self._alpha <= 1 else 2 * quarter
@@ -142,14 +169,17 @@ class FilterBox:
     def _slopes(self, u: Interval) -> list[acb]:
         """d ln F/du at the least and the largest order."""
         w = acb(0, ball_of(u).exp())
-        return [end.slopes(w)[0] for end in self._ends]
+        return [end.slope(w) for end in self._ends]
 
     def slope(self, u: Interval) -> acb:
         """d ln F/du over an interval of u; of a wide box its real part by (2)."""
+        return self._once(self._slope, u)
+
+    def _slope(self, u: Interval) -> acb:
         w = acb(0, ball_of(u).exp())
         if self._alpha.rad() > _WIDE:
             slopes = self._slopes(u)
-            return acb(slopes[0].real.union(slopes[-1].real), self.over.slopes(w)[0].imag)
+            return acb(slopes[0].real.union(slopes[-1].real), self.over.slope(w).imag)
         (slope, first, _), t = self.central.slopes(w), self._shift
         return slope + t * first + t * t / 2 * self.over.slopes(w)[2]
 
@@ -160,6 +190,9 @@ class FilterBox:
 
     def response(self, u: Interval) -> acb:
         """F/|F(w_a)| over an interval of u: from the slopes, and of a wide box also from size and angle."""
+        return self._once(self._response, u)
+
+    def _response(self, u: Interval) -> acb:
         (middle,), ball = centre_of((u,)), ball_of(u)
         value = self.central.value(acb(0, arb(middle).exp())) / abs(self.central.value(self._w))
         rate = self.derivatives_from_anchor(acb(0, ball.exp()))[0]

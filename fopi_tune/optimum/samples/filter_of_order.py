@@ -64,28 +64,52 @@ class FilterAtOrder:
         return found
 
     @cached_property
-    def _at_middle(self) -> tuple[acb, acb, acb, acb]:
+    def _at_middle(self) -> tuple[acb, acb, acb]:
         return self._sums(self.middle)
 
-    def _sums(self, w: acb) -> tuple[acb, acb, acb, acb]:
-        """The sums of (2) without what is taken off."""
-        one, two, three, four = acb(0), acb(0), acb(0), acb(0)
-        for side, x, (g1, g2, g3, g4) in self.corners:
+    def _sums(self, w: acb) -> tuple[acb, acb, acb]:
+        """The first three sums of (2) without what is taken off."""
+        one, two, three = acb(0), acb(0), acb(0)
+        for side, x, (g1, g2, g3, _) in self.corners:
             l1 = x / (w + x)
             l2 = l1 * (1 - l1)
-            l3, l4 = l2 * (1 - 2 * l1), l2 * (1 - 6 * l2)
-            turn, square = side * g1, g1 * g1
+            turn = side * g1
             one, two = one + l1 * turn, two + l2 * (turn * g1)
-            three, four = three + l3 * (turn * square), four + l4 * (turn * square * g1)
+            three = three + l2 * (1 - 2 * l1) * (turn * g1 * g1)
             if not g2.is_zero():
                 two, three = two + side * (l1 * g2), three + side * (3 * l2 * g1 * g2 + l1 * g3)
-                four = four + side * (6 * l3 * square * g2 + l2 * (3 * g2 * g2 + 4 * g1 * g3) + l1 * g4)
-        return one, two, three, four
+        return one, two, three
 
-    def log_derivatives(self, w: acb) -> tuple[acb, acb, acb, acb]:
-        """(2)."""
-        (one, two, three, four), off = self._sums(w), self._at_middle
-        return one - off[0].real - self.log_middle, two - off[1].real, three - off[2].real, four - off[3].real
+    def log_derivatives(self, w: acb) -> tuple[acb, acb, acb]:
+        """y1, y2 and y3 of (2)."""
+        (one, two, three), off = self._sums(w), self._at_middle
+        return one - off[0].real - self.log_middle, two - off[1].real, three - off[2].real
+
+    @cached_property
+    def _fourth_at_middle(self) -> arb:
+        return self._fourth(self.middle).real
+
+    def _fourth(self, w: acb) -> acb:
+        total = acb(0)
+        for side, x, (g1, g2, g3, g4) in self.corners:
+            l1, square = x / (w + x), g1 * g1
+            l2 = l1 * (1 - l1)
+            total = total + l2 * (1 - 6 * l2) * (side * square * square)
+            if not g2.is_zero():
+                more = 6 * (l2 * (1 - 2 * l1)) * square * g2 + l2 * (3 * g2 * g2 + 4 * g1 * g3) + l1 * g4
+                total = total + side * more
+        return total
+
+    def fourth_derivative(self, w: acb) -> acb:
+        """y4 of (2)."""
+        return self._fourth(w) - self._fourth_at_middle
+
+    def slope(self, w: acb) -> acb:
+        """d ln F/d ln w by (3)."""
+        found = acb(-1)
+        for (_, zero, _), (_, pole, _) in zip(self.corners[::2], self.corners[1::2], strict=True):
+            found = found - zero / (w + zero) + pole / (w + pole)
+        return found
 
     def slopes(self, w: acb) -> tuple[acb, acb, acb]:
         """(3)."""

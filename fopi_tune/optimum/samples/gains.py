@@ -29,17 +29,44 @@ from fopi_tune.optimum.parametrization import (
     CrossoverParametrization,
     GainBox,
     GainParametrization,
+    Parametrization,
     TaylorModel,
 )
 from fopi_tune.optimum.samples.filter_box import FilterBox
 from fopi_tune.optimum.samples.filter_of_order import FilterOfOrder
-from fopi_tune.proof.balls.box import Box, Interval, ball_of
+from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
 
 _ONE = arb(1)
+#: filters that are kept
+_MOST_KNOWN = 512
+
+
+class _WithFilter(Parametrization):
+    """Filters over intervals of orders, which many boxes share.
+
+    Attributes:
+        filter: F.
+        nu: tan(omega Ts/2) at the anchor.
+    """
+
+    filter: FilterOfOrder
+    nu: arb
+
+    @cached_property
+    def _known(self) -> dict[Interval, FilterBox]:
+        return {}
+
+    def filter_box(self, alpha: Interval) -> FilterBox:
+        """F over an interval of orders."""
+        if alpha not in self._known:
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            self._known[alpha] = FilterBox(self.filter, ball_of(alpha), arb(centre_of((alpha,))[0]), self.nu)
+        return self._known[alpha]
 
 
 @dataclass(frozen=True)
-class SampledGainParametrization(GainParametrization):
+class SampledGainParametrization(_WithFilter, GainParametrization):
     """kp, z = ki ws^-alpha and alpha.
 
     Args:
@@ -97,7 +124,7 @@ class SampledGainBox(BoxOnSamples, GainBox):
 
     def __init__(self, parametrization: SampledGainParametrization, box: Box) -> None:
         super().__init__(parametrization, box)
-        self.filters = FilterBox(parametrization.filter, self.alpha, self.centre[2], parametrization.nu)
+        self.filters = parametrization.filter_box(box[2])
 
     @cached_property
     def scale(self) -> arb:
@@ -125,7 +152,7 @@ class SampledGainBox(BoxOnSamples, GainBox):
 
 
 @dataclass(frozen=True)
-class SampledCrossoverParametrization(CrossoverParametrization):
+class SampledCrossoverParametrization(_WithFilter, CrossoverParametrization):
     """alpha and psi, by (2).
 
     Args:
@@ -146,20 +173,18 @@ class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
     scale = _ONE
 
     def __init__(self, parametrization: SampledCrossoverParametrization, box: Box) -> None:
-        self._over_filter = parametrization.filter
-        self._w = acb(0, parametrization.nu)
+        self.filters, self._w = parametrization.filter_box(box[0]), acb(0, parametrization.nu)
         super().__init__(parametrization, box)
-        self.filters = FilterBox(parametrization.filter, self.alpha, self._alpha_c, parametrization.nu)
-        # sharper: the lag at the crossover is monotone in the order
-        x, lag = self._point(self._psi), self.filters.lag_at_anchor
-        self.kp, self.integral = x.real + x.imag * lag.cot(), -x.imag / lag.sin()
 
     @property
     def integral_unit(self) -> arb:
         return self.filters.anchor_size(arb(0))
 
     def _gains(self, x: acb, alpha: arb) -> tuple[arb, arb]:
-        at = self._over_filter.at_order(alpha).value(self._w)
+        if alpha is not self._alpha_c:
+            lag = self.filters.lag_at_anchor
+            return x.real + x.imag * lag.cot(), -x.imag / lag.sin()
+        at = self._central[0]
         return x.real - x.imag * at.real / at.imag, x.imag / at.imag
 
     @cached_property
@@ -168,7 +193,7 @@ class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
         return self._central_at(self._w)
 
     def _central_at(self, w: acb) -> tuple[acb, acb, acb]:
-        value, (first, second, _, _) = self.filters.central.value(w), self.filters.central.log_derivatives(w)
+        value, (first, second, _) = self.filters.central.value(w), self.filters.central.log_derivatives(w)
         return value, value * first, value * (first * first + second)
 
     @cached_property
