@@ -44,7 +44,7 @@ class SampledBoxLoop(SampledBallLoop):
         if not isinstance(unit_loop, SampledBallLoop) or (ki.contains(0) and not ki.is_zero()) or gains == [0.0, 0.0]:
             return None
         used = unit_loop.gains.measurement_filter
-        controller = FoPi(*gains, float(alpha.mid()), measurement_filter=used)
+        controller = FoPi(gains[0], gains[1], float(alpha.mid()), measurement_filter=used)
         return cls(
             controller, unit_loop.family, unit_loop.implementation, controllers.filters.filter, controllers.centre
         )

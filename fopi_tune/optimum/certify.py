@@ -56,7 +56,7 @@ def certify_optimum(
     """Prove a bound of the objective that no gains in the spec's box can beat, or that no gains meet the spec.
 
     Args:
-        spec: plant family, requirements and objective, of the loop in continuous time.
+        spec: plant family, requirements and objective, of the loop in continuous time or on samples.
         gains: the incumbent; None to prove that the spec is infeasible.
         gap: requested relative distance of the bound from the incumbent's objective.
         time_limit_s: the gap reached by then is returned.

@@ -93,7 +93,8 @@ class Problem:
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
             gains = GainParametrization(reference)
             if filtered is not None:
-                gains = SampledGainParametrization(reference, filtered, _s_at(unit_loop, reference).imag)
+                half = 0.5 * math.pi / filtered.digital.sample_time_s
+                gains = SampledGainParametrization(reference, filtered, _s_at(unit_loop, min(reference, half)).imag)
             return cls(spec, beat, conditions, gains, gains.roots(spec.controller))
         parametrization = CrossoverParametrization(crossover.limits[0], at)
         if filtered is not None:

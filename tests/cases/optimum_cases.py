@@ -10,7 +10,8 @@ from cases.plants import lag, pole, spec_of, transfer_function
 
 from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.proof import verify
+from fopi_tune.core.terms.digital_spec import DigitalSpec
+from fopi_tune.optimum.certify import verified
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange, Objective, Relation, Requirement, Scope, Sense
 
 #: relative distance at which a limit is met; far above rounding, far below what a box's size matters
@@ -41,7 +42,12 @@ OBJECTIVES = (
 
 
 def just_met(
-    family: PlantFamily, gains: FoPi, objective: Objective | None, equalities: int, pick: np.random.Generator
+    family: PlantFamily,
+    gains: FoPi,
+    objective: Objective | None,
+    equalities: int,
+    pick: np.random.Generator,
+    digital: DigitalSpec | None = None,
 ) -> tuple[DesignSpec, float] | None:
     """A spec that the gains meet with next to nothing to spare, and a level that their objective just beats.
 
@@ -51,6 +57,7 @@ def just_met(
         objective: what is optimised.
         equalities: of the nominal crossover, and of the nominal phase margin.
         pick: chooses requirements.
+        digital: of the loop on samples; None of the one in continuous time.
 
     Returns:
         None where the loop is unstable, or a number of it does not exist.
@@ -70,7 +77,7 @@ def just_met(
         Requirement("loop_gain_db", Relation.AT_LEAST, (-90.0,), to_rad_s=0.05),
     ]
     chosen = [requirement for requirement in wanted if pick.random() < 0.6]
-    found = verify(spec_of(family, *chosen, objective=objective), gains)
+    found = verified(replace(spec_of(family, *chosen, objective=objective), digital=digital), gains)
     if not found.stability.stable or found.objective is None or found.nominal.phase_margin_deg is None:
         return None
     if equalities and found.nominal.crossover_rad_s is None:
@@ -96,9 +103,10 @@ def just_met(
         kd = GainRange(gains.kd - 1.0, gains.kd + 1.0)
         box = ControllerSpec(sides[0], sides[1], one, kd, filter_time_s)
     box = replace(box, measurement_filter=gains.measurement_filter)
-    spec = replace(spec_of(family, *fixed[:equalities], *limits, objective=objective), controller=box)
+    spec = spec_of(family, *fixed[:equalities], *limits, objective=objective)
+    spec = replace(spec, controller=box, digital=digital)
     # the objective may read the requirements: it is of the spec as it is now
-    value = verify(spec, gains).objective
+    value = verified(spec, gains).objective
     if value is None or not math.isfinite(value):
         return None
     room = ROOM * max(1.0, abs(value))

@@ -106,7 +106,7 @@ def _best(
     last = order[np.append(each[order][1:] != each[order][:-1], True)] if len(order) else order
     axes = np.argmax(np.abs(varies), axis=1)
     for i in last.tolist():
-        ends = _ends(at.problem, u[i], width[i])
+        ends = _ends(at.problem, float(u[i]), float(width[i]))
         if ends is None:
             continue
         reason = Reason(k, at.points[moves.plant[i]], ends)
@@ -199,7 +199,7 @@ def _gain_spreads(at: CentralLoops, moves: Movements, k: int, level: float) -> I
     for i, plant in enumerate(best.tolist()):
         if not ratio[i, plant] > -1.0 or not width[i] < 3.0:
             continue
-        ends = _ends(at.problem, u[i], width[i])
+        ends = _ends(at.problem, float(u[i]), float(width[i]))
         if ends is None:
             continue
         slopes = varies[i, plant]

@@ -50,7 +50,8 @@ def first_reasons(problem: Problem, points: list[tuple[float, ...]], places: lis
             found += [Reason(k, point) for point in own]
         elif condition.test is Test.RESPONSE:
             low, high = condition.band_rad_s
-            named = {omega for omega, _ in places if omega is not None and max(low, 1e-12) <= omega <= min(high, 1e12)}
+            least, most = max(low, 1e-12), min(high, 1e12, problem.highest_rad_s)
+            named = {omega for omega, _ in places if omega is not None and least <= omega <= most}
             grid = sorted({*_grid(problem, low, high), *named})
             found += [Reason(k, point, (omega,)) for omega, point in product(grid, own)]
     return list(dict.fromkeys(found))

@@ -183,11 +183,12 @@ class FilterOfOrder:
         nothing, middle = arb(0), self._log_middle.exp() * self._half
         gain, square = ((1 - alpha) * self._log_middle).exp() * self._half, middle * middle
         corners = list[tuple[int, arb, tuple[arb, arb, arb, arb]]]()
+        inverse = 1 / alpha
         for side, c, d, over in self._corners:
             x = (c + d * alpha).exp()
             rates = (d, nothing, nothing, nothing)
             if over:
-                x, rates = x / alpha, (-1 / alpha, 1 / alpha**2, -2 / alpha**3, 6 / alpha**4)
+                x, rates = x * inverse, (-inverse, inverse**2, -2 * inverse**3, 6 * inverse**4)
             size = (square + x * x).sqrt()
             gain = gain / size if side > 0 else gain * size
             corners.append((side, x, rates))

@@ -71,7 +71,7 @@ class SampledGainParametrization(_WithFilter, GainParametrization):
 
     Args:
         filter: F.
-        nu: tan(ws Ts/2); of a frequency below Nyquist's.
+        nu: tan(omega Ts/2) at a frequency at which |F| is counted from.
     """
 
     filter: FilterOfOrder
@@ -86,11 +86,14 @@ class BoxOnSamples(ControllerBox):
 
     Attributes:
         filters: F over the orders of the box.
-        scale: what the integral's gain is multiplied with where F is counted from its size at the anchor.
     """
 
     filters: FilterBox
-    scale: arb
+
+    @property
+    def scale(self) -> arb:
+        """What the integral's gain is multiplied with where F is counted from its size at the anchor."""
+        return _ONE
 
     def integral_size_below(self, integral: arb, u: float) -> tuple[arb, arb]:
         least = (abs(integral) * self.scale).lower() * self.filters.sizes(u)[0]
@@ -126,7 +129,7 @@ class SampledGainBox(BoxOnSamples, GainBox):
         super().__init__(parametrization, box)
         self.filters = parametrization.filter_box(box[2])
 
-    @cached_property
+    @property
     def scale(self) -> arb:
         """ws^alpha |F| at the anchor."""
         return self.filters.anchor_size(self.reference)
@@ -169,8 +172,6 @@ class SampledCrossoverParametrization(_WithFilter, CrossoverParametrization):
 
 class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
     """A box of alpha and psi; the integral's gain is ki |F_c|."""
-
-    scale = _ONE
 
     def __init__(self, parametrization: SampledCrossoverParametrization, box: Box) -> None:
         self.filters, self._w = parametrization.filter_box(box[0]), acb(0, parametrization.nu)
@@ -220,8 +221,10 @@ class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
 
     def _ki_term(self, alpha: arb) -> tuple[arb, arb, arb]:
         """-1/I with its derivatives."""
-        i, i1, i2 = (part.imag for part in self._at_crossover(alpha))
-        return -1 / i, i1 / i**2, i2 / i**2 - 2 * i1**2 / i**3
+        value, first, second = (part.imag for part in self._at_crossover(alpha))
+        p = 1 / value
+        p1 = -first * p * p
+        return -p, -p1, second * p * p + 2 * first * p * p1
 
     def taylor_model(self, log_s: acb) -> TaylorModel:
         w = log_s.exp()

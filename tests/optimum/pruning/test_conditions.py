@@ -12,7 +12,9 @@ from cases.optimum_cases import FAMILIES, OBJECTIVES, just_met
 from flint import arb, ctx
 
 from fopi_tune.core.controller import FoPi, Pid, numbers_of
+from fopi_tune.core.terms.digital_spec import DigitalSpec
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
+from fopi_tune.digital.discretize import sections_of
 from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.combinations import linear_bound_of
@@ -22,6 +24,7 @@ from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded
 from fopi_tune.optimum.pruning.response_bounds import LinearBound
 from fopi_tune.optimum.pruning.sample_points import constant_reasons, first_reasons, further_reasons, plants_to_try
 from fopi_tune.optimum.pruning.screen import Boxes, gains_at
+from fopi_tune.optimum.samples.gains import SampledCrossoverParametrization
 from fopi_tune.proof.balls.box import Box
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.spec.model import DesignSpec
@@ -54,6 +57,9 @@ def _place(problem: Problem, gains: FoPi) -> tuple[float, ...]:
         return gains.kp, gains.ki * parametrization.omega_rad_s**-gains.alpha, gains.alpha
     assert isinstance(parametrization, CrossoverParametrization)
     s = parametrization.omega_rad_s**-gains.alpha * np.exp(-0.5j * np.pi * gains.alpha)
+    if isinstance(parametrization, SampledCrossoverParametrization):
+        digital = parametrization.filter.digital
+        s = sections_of(FoPi(0.0, 1.0, gains.alpha), digital).response(np.array([parametrization.omega_rad_s]))[0]
     first = problem.roots[0][1][0]
     psi = np.angle((gains.kp + gains.ki * s) * complex(parametrization.plant)) + np.pi
     return gains.alpha, float(first + (psi - first) % (2.0 * np.pi))
@@ -128,6 +134,42 @@ def test_no_box_around_gains_that_just_meet_a_spec_is_discarded(name: str, equal
         if boxes_examined == 1:
             break
     assert boxes_examined
+
+
+def _digital(pick: np.random.Generator) -> DigitalSpec:
+    return DigitalSpec(
+        float(pick.choice([0.02, 0.1, 0.3])), str(pick.choice(["oustaloup", "modified_oustaloup"])),
+        int(pick.integers(2, 8)), (1e-3, 1e2), delay_samples=float(pick.choice([0.0, 0.4, 1.0])), design="sampled",
+    )  # fmt: skip
+
+
+def _check_on_samples(name: str, seed: int, wanted: int) -> None:
+    pick, boxes_examined = np.random.default_rng([23, seed, *name.encode()]), 0
+    for k in range(40):
+        gains = _gains(name, pick)
+        if k % 4 == 3:
+            used = MeasurementFilter(int(pick.integers(1, 3)), 10.0 ** pick.uniform(-0.8, -0.3))
+            gains = replace(gains, measurement_filter=used)
+        made = just_met(FAMILIES[name], gains, OBJECTIVES[pick.integers(7)], k % 3, pick, _digital(pick))
+        if made is not None:
+            assert _wrongly_discarded(*made, gains, pick) == []
+            boxes_examined += 1
+        if boxes_examined == wanted:
+            break
+    assert boxes_examined
+
+
+@pytest.mark.thinned(slow=["three", "second order"])
+@pytest.mark.parametrize("name", FAMILIES)
+def test_nor_is_one_on_samples(name: str) -> None:
+    _check_on_samples(name, 0, 1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("name", FAMILIES)
+def test_no_box_around_many_gains_is_discarded_on_samples(name: str, seed: int) -> None:
+    _check_on_samples(name, seed, 3)
 
 
 @pytest.mark.thinned(slow=["three", "second order"])
