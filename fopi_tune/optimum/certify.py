@@ -279,6 +279,7 @@ class _Run:
 
 
 def verified(spec: DesignSpec, gains: FoPi) -> Verification:
+    """The verification of gains in the loop that the requirements are about."""
     return verify(spec, gains, implementation=designed_implementation(spec, gains))
 
 

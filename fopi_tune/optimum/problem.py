@@ -15,8 +15,9 @@ from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.peaks import Response
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
+from fopi_tune.optimum.crossover_gains import CrossoverParametrization
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
-from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
+from fopi_tune.optimum.parametrization import GainParametrization, Parametrization
 from fopi_tune.optimum.pruning.conditions import (
     Condition,
     Conditions,

@@ -27,7 +27,8 @@ from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.stability import is_stable
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.optimum import Optimum, OptimumStatus, certify_optimum, recheck_optimum, to_document
-from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
+from fopi_tune.optimum.crossover_gains import CrossoverParametrization
+from fopi_tune.optimum.parametrization import GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test as Kind
 from fopi_tune.optimum.pruning.exclusion import Reason, is_excluded

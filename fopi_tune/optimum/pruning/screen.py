@@ -25,8 +25,9 @@ from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.terms.derivatives import Derivatives
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital.implementation import designed_implementation
+from fopi_tune.optimum.crossover_gains import CrossoverParametrization
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
-from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization, Parametrization
+from fopi_tune.optimum.parametrization import GainParametrization, Parametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.conditions import Test
 from fopi_tune.optimum.pruning.exclusion import Reason

@@ -22,11 +22,10 @@ from functools import cached_property
 
 from flint import acb, arb
 
+from fopi_tune.optimum.crossover_gains import CrossoverBox, CrossoverParametrization
 from fopi_tune.optimum.parametrization import (
     ControllerBox,
     ControllerEnclosure,
-    CrossoverBox,
-    CrossoverParametrization,
     GainBox,
     GainParametrization,
     Parametrization,

@@ -144,7 +144,7 @@ class BallLoop(LoopParameters):
         """Counted effort of all the plants computed so far, in boxes of a bound; see `BoxVerdict`."""
         return self._cache.work
 
-    @property
+    @cached_property
     def _plant_work(self) -> int:
         """Of one more enclosure of the plants: in continuous time it is part of the box's own."""
         return 0

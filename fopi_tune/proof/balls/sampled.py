@@ -4,8 +4,7 @@ With z = (1 + w)/(1 - w), w = j nu, nu = tan(omega Ts/2) (see `fopi_tune.core.sa
 rational in w, and the formulas for continuous loops hold with w in place of s.  C(w) is computed in
 `fopi_tune.proof.balls.sampled_controllers`.
 
-The hold equivalent of the plant is computed in `fopi_tune.proof.balls.zero_order_hold`.  The delay of one sample is
-z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
+The hold equivalent is that of `zero_order_hold`.  The delay of one sample is z^-1 = (1 - w)/(1 + w) = e^{-2j atan nu}.
 """
 
 from __future__ import annotations
@@ -198,14 +197,11 @@ class SampledBallLoop(BallLoop):
         """The whole samples at which the family is cut."""
         return {} if self.pieces is None else {self._delay_axis: self.pieces.cuts}
 
-    @property
+    @cached_property
     def _plant_work(self) -> int:
         """Measured: the exponentials of the plant and of its derivatives, n^2 (1 + p)/2 for p uncertain numbers."""
-        return max(self._order**2 * self.axes // 2, 1)
-
-    @cached_property
-    def _order(self) -> int:
-        return len(self._continuous([ball_of(side) for side in self.family_box]).denominator) - 1
+        order = len(self._continuous([ball_of(side) for side in self.family_box]).denominator) - 1
+        return max(order**2 * self.axes // 2, 1)
 
     def loops_at(self, points: Array) -> Loops:
         """The same loops in floating point for these plants, shape (m, p); used only to choose what to examine."""
@@ -222,7 +218,7 @@ class SampledBallLoop(BallLoop):
         return SampledControllerOnInterval(self, u, self.sections)
 
     def u_of(self, log_omega: float) -> float:
-        """u at a frequency given by ln omega; inf from Nyquist's frequency on."""
+        """inf from Nyquist's frequency on."""
         half = 0.5 * math.exp(min(log_omega, 700.0)) * self.implementation.sample_time_s
         return math.log(math.tan(half)) if 0.0 < half < 0.5 * math.pi else math.copysign(math.inf, half - 1.0)
 
@@ -293,9 +289,7 @@ class SampledLoopEnclosure(LoopEnclosure):
     @property
     def sides(self) -> tuple[acb, acb]:
         """N z^-late and D, but for a common factor."""
-        if not self.at.is_beyond_one:
-            return super().sides
-        (top, bottom), delay = self._over_power, self.delay
+        (top, bottom), delay = self._filtered_sides, self.delay
         assert delay is not None, "a hold is late by a sample at least"
         return top * delay, bottom
 

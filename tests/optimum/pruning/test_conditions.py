@@ -15,7 +15,8 @@ from fopi_tune.core.controller import FoPi, Pid, numbers_of
 from fopi_tune.core.terms.digital_spec import DigitalSpec
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.digital.discretize import sections_of
-from fopi_tune.optimum.parametrization import CrossoverParametrization, GainParametrization
+from fopi_tune.optimum.crossover_gains import CrossoverParametrization
+from fopi_tune.optimum.parametrization import GainParametrization
 from fopi_tune.optimum.problem import Problem
 from fopi_tune.optimum.pruning.combinations import linear_bound_of
 from fopi_tune.optimum.pruning.conditions import Test as Kind
