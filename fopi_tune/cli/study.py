@@ -241,15 +241,20 @@ def _print_status(folder: str, as_json: bool) -> Exit:
 
     try:
         with read_ledger(Path(folder)) as ledger:
-            counts, failures, name, seconds = ledger.counts(), ledger.failures(), ledger.name, ledger.seconds()
+            progress, name, seconds = ledger.progress(), ledger.name, ledger.seconds()
     except DomainError as error:
         raise bad_input(str(error)) from None
+    counts, failures = progress.counts, progress.failures
     code = Exit.TOOL_FAILED if counts.failed else Exit.NOT_MET if counts.left else Exit.MET
     if as_json:
         failed = [{"cell": index + 1, "label": label, "reason": reason} for index, label, reason in failures]
         told = {"total": counts.total, "done": counts.done, "failed": counts.failed, "left": counts.left}
+        damaged = [{"cell": index + 1, "label": label} for index, label in progress.damaged]
         document = {"schema": 1, "name": name, "cells": told, "cell_seconds": seconds, "failures": failed}
+        document["damaged"] = damaged
         return max(code, print_out(to_json(document)))
     words = f"{name}: {counts.done} of {counted(counts.total, 'cell')} done, {counts.failed} failed, {counts.left} left"
     lines = [words, *(f"cell {index + 1} ({label}) failed: {reason}" for index, label, reason in failures)]
+    again = "its result was damaged on the disk and counts as none; the study's command runs it again"
+    lines += [f"cell {index + 1} ({label}): {again}" for index, label in progress.damaged]
     return max(code, print_out("\n".join(lines)))
