@@ -30,6 +30,10 @@ _NOT_TEXT = re.compile(
 )
 
 
+#: the words of a number that is not whole, before what to write
+NOT_WHOLE = "is not a whole number"
+
+
 class NotANumberError(ValueError):
     """The text is not a number; the message says why and what to write."""
 
@@ -73,9 +77,12 @@ def parse_integer(text: str) -> int:
     value = parse_number(text)
     if _INTEGER.fullmatch(text):
         return int(text)
-    # above 2^53 a float no longer has the digits that were written
-    if not value.is_integer() or abs(value) > 2**53:
-        raise NotANumberError(f"{text} is not a whole number; write digits only, such as 10000")
+    if not value.is_integer():
+        below = math.floor(value)
+        raise NotANumberError(f"{text} {NOT_WHOLE}; write one, such as {below} or {below + 1}")
+    # above it a float no longer has the digits that were written
+    if abs(value) > 2**53:
+        raise NotANumberError(f"{text} is too large for a whole number in this notation; write all of its digits")
     return int(value)
 
 
