@@ -215,7 +215,7 @@ def _merged(
         row = int(falls[0]) + 1
         raise DomainError(
             f"{unit} {lines[row]}: time {time[row]:g} s is before {time[row - 1]:g} s of {unit} {lines[row - 1]}"
-            + (f", and {len(falls) - 1} more times" if len(falls) > 1 else "")
+            + (f", and {counted(len(falls) - 1, 'more time')}" if len(falls) > 1 else "")
             + "; sort by time, or keep one run of several"
         )
     equal = np.flatnonzero(steps == 0) + 1

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
 from fopi_tune.identification.models import FitModel, Structure
@@ -191,7 +192,8 @@ def _limits(recording: Recording, problem: Scaled, modelled: Array) -> list[str]
             continue
         places = problem.rows[[first, last]]
         notes.append(
-            f"the output stays at its {word} value, {end:.4g}, {int(at.sum())} times, {in_a_row} of them in a row "
+            f"the output stays at its {word} value, {end:.4g}, {counted(int(at.sum()), 'time')}, {in_a_row} of "
+            f"them in a row "
             f"({recording.where(places[:1])} to {recording.lines[places[1]]}): a limit of the sensor or plant, which "
             "the model does not have; leave it out with --from and --to, or record a smaller step"
         )

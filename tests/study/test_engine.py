@@ -657,7 +657,8 @@ def test_a_file_of_samples_that_changes_changes_its_cell(folder: Path) -> None:
     ["document = 'not json'", "document = '[1]'", "document = ''", "document = '{}'",
      "document = replace(document, '0.385', '0.386')", "document = replace(document, 'met', 'great')",
      "document = '{\"a\":' || replace(hex(zeroblob(50000)), '00', '[') || '}'", "document = x'ff00'",
-     "document = cast(x'fffe' || document AS TEXT)", "reason = cast(x'c3' AS TEXT)", "failed = 1", "failed = 7", "reason = 'lost'"],
+     "document = cast(x'fffe' || document AS TEXT)", "reason = cast(x'c3' AS TEXT)",
+     "failed = 1", "failed = 7", "reason = 'lost'"],
 )  # fmt: skip
 def test_a_result_that_was_damaged_is_told_and_its_cell_alone_is_run_again(folder: Path, damage: str) -> None:
     path = write('grid: {"requirements[0].phase_margin_deg.at_least": [75, 80]}\nstages: [prove]')
@@ -674,7 +675,7 @@ def test_a_result_that_was_damaged_is_told_and_its_cell_alone_is_run_again(folde
     told = json.loads(CliRunner().invoke(app, ["study", "--status", str(out), "--json"]).stdout)
     assert told["cells"] == {"total": 2, "done": 1, "failed": 0, "left": 1}
     assert told["damaged"] == [{"cell": 2, "label": label}]
-    with read_ledger(out) as ledger, pytest.raises(LedgerError, match="has of cell 2 .* is damaged; run the same"):
+    with read_ledger(out) as ledger, pytest.raises(LedgerError, match=r"has of cell 2 .* is damaged; run the same"):
         collect_table(cells, ledger.results())
     progress: list[Counts] = []
     said: list[str] = []
