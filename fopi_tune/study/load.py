@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError, Problem, SpecError
 from fopi_tune.spec import load_document
 from fopi_tune.spec.language import SCHEMA_VERSION
@@ -55,8 +54,7 @@ def load_study(
         told(count)
     if count > study.limit_cells and not force:
         raise TooManyCellsError(
-            f"{os.fsdecode(source)}: the study has {counted(count, 'cell')}, and its limit is "
-            f"{study.limit_cells}; run them with --force, raise "
+            f"{os.fsdecode(source)}: {count} cells are more than {study.limit_cells}; run them with --force, raise "
             "limit_cells, or give fewer values"
         )
     return expand(study, _bases(study), registry, claims, figures)

@@ -77,5 +77,5 @@ def test_whole_steps_draws_from_a_list_and_whole_expressions_are_taken(tmp_path:
 
 
 def test_a_list_of_one_has_one_entry(tmp_path: Path) -> None:
-    ((_, _, message),) = problems(tmp_path, 'grid: {"requirements[1].phase_margin_deg.at_least": [80]}\nstages: [prove]')
+    ((_, _, message),) = problems(tmp_path, "grid: {'requirements[1].on': [nominal]}\nstages: [prove]")
     assert "requirements has 1 entry in the spec; they count from [0]" in message
