@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from fopi_tune.errors import DomainError
+from fopi_tune.results.saved.writing import obstacle
 from fopi_tune.study.model import Cell, Study
 from fopi_tune.study.worker import CellResult
 
@@ -229,7 +230,13 @@ def open_ledger(folder: Path) -> Iterator[Ledger]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise LedgerError(f"cannot make {folder} ({error.strerror}); choose another folder with --out") from None
+        raise LedgerError(
+            f"cannot make {folder} ({obstacle(folder, error)}); choose another folder with --out"
+        ) from None
+    if path.is_dir():
+        raise LedgerError(
+            f"{path} is a folder, where the study's results belong; move it away, or choose another --out"
+        )
     with _locked(folder), contextlib.closing(_connect(path, path.as_posix(), uri=False)) as connection:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
@@ -329,7 +336,7 @@ def _locked(folder: Path) -> Iterator[None]:
         descriptor = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
     except OSError as error:
         raise LedgerError(
-            f"cannot write {folder / _LOCK} ({error.strerror}); choose another folder with --out"
+            f"cannot write {folder / _LOCK} ({obstacle(folder / _LOCK, error)}); choose another folder with --out"
         ) from None
     try:
         try:

@@ -493,7 +493,10 @@ def test_a_dry_run_lists_the_cells_and_runs_nothing() -> None:
         (["--status", "."], "there is no ledger.sqlite in ."),
         (["--status", "new"], "new/ledger.sqlite has no study yet"),
         (["s.yaml", "--out", "alien"], "alien/ledger.sqlite is a database of something else"),
-        (["s.yaml", "--out", "locked"], "cannot write locked/ledger.lock (Is a directory); choose another folder"),
+        (
+            ["s.yaml", "--out", "locked"],
+            "cannot write locked/ledger.lock (locked/ledger.lock is a folder); choose another folder",
+        ),
     ],
 )
 def test_bad_input_ends_with_2_and_one_line(arguments: list[str], part: str) -> None:

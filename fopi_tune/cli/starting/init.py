@@ -17,7 +17,7 @@ from fopi_tune.cli.gains import number_option
 from fopi_tune.cli.output import bad_input, reason_of, say
 from fopi_tune.core.text_tables.words import TimeUnit
 from fopi_tune.errors import DomainError
-from fopi_tune.results.saved.writing import to_json, write_file
+from fopi_tune.results.saved.writing import obstacle, to_json, write_file
 
 if TYPE_CHECKING:
     from fopi_tune.identification import FitModel, ReadOptions, Recording
@@ -298,4 +298,4 @@ def _write(path: Path, text: str) -> None:
     try:
         write_file(path, text)
     except OSError as error:
-        raise bad_input(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
+        raise bad_input(f"cannot write {path} ({obstacle(path, error)}); choose another file with --out") from None

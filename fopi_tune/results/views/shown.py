@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
-from fopi_tune.results.saved.writing import folder_of, write_file
+from fopi_tune.results.saved.writing import folder_of, obstacle, write_file
 from fopi_tune.results.views.tables import Row, html_table, rows_of
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Saved(ABC):
             try:
                 write_file(path / name, content)
             except OSError as error:
-                reason = error.strerror or str(error)
+                reason = obstacle(path / name, error)
                 raise DomainError(f"cannot write {path / name} ({reason}); give another folder") from None
         return path
 
