@@ -6,6 +6,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Callable
+from decimal import Decimal
 
 from fopi_tune.spec.yaml.problems import quoted
 
@@ -13,7 +14,6 @@ MAX_LENGTH = 100
 #: numbers beyond these are no quantity of an engineer's, and their powers and products no floating-point numbers
 SMALLEST, LARGEST = 1e-100, 1e100
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_INTEGER = re.compile(r"[+-]?[0-9]+")
 _LEADING_ZERO = re.compile(r"[+-]?0[0-9]")
 _BOOLEANS = frozenset({"true", "false", "yes", "no", "on", "off", "y", "n"})
 _NOT_FINITE = frozenset({"nan", "inf", "infinity"})
@@ -74,16 +74,13 @@ def parse_integer(text: str) -> int:
     Raises:
         NotANumberError: not a number, or not whole.
     """
-    value = parse_number(text)
-    if _INTEGER.fullmatch(text):
-        return int(text)
-    if not value.is_integer():
-        below = math.floor(value)
+    parse_number(text)
+    # exact: a float has not the digits of a large number
+    exact = Decimal(text)
+    below = math.floor(exact)
+    if below != exact:
         raise NotANumberError(f"{text} {NOT_WHOLE}; write one, such as {below} or {below + 1}")
-    # above it a float no longer has the digits that were written
-    if abs(value) > 2**53:
-        raise NotANumberError(f"{text} is too large for a whole number in this notation; write all of its digits")
-    return int(value)
+    return int(exact)
 
 
 def is_number(text: str) -> bool:
