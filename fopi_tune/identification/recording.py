@@ -234,7 +234,8 @@ def _merged(
     note = f"{named}: the time of the {unit} before, merged with it"
     if equal.size > _COARSE_TIMES * len(time):
         mean_s = (time[-1] - time[0]) / (len(time) - 1)
-        note += f"; the times are too coarse for their lines, {mean_s:.3g} s apart: give --sample-time"
+        note += f"; the times are too coarse for their lines, {mean_s:.3g} s apart: give "
+        note += "--sample-time" if from_file else "times with more digits"
     return time[firsts], moved[lasts], mean, everything[firsts], lines[firsts], (note,)
 
 

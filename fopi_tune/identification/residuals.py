@@ -85,7 +85,7 @@ def _second_order(problem: Scaled, structure: Structure, spread: Spread) -> _Rea
     left = math.sqrt(other.squares(problem.signals, parameters) / max(problem.n - other.size, 1))
     if left > _MUCH_LESS * spread.residual_std:
         return None
-    return _Reason(f"a second order leaves {100 * left:.3g} % of the output's range: --model second_order", left)
+    return _Reason(f"a second order leaves {100 * left:.3g} % of the output's range: try `model='second_order'`", left)
 
 
 def _trend(problem: Scaled, structure: Structure, parameters: Array, spread: Spread) -> _Reason | None:
@@ -132,7 +132,7 @@ def _step(
     text = (
         f"what the curve leaves steps by {size * problem.height:.3g} at about {at:.4g} s ({where}), "
         f"{100 * abs(size):.3g} % of the output's range, without the input: a disturbance? keep what is before or "
-        "after (--to, --from)"
+        "after (`end_s`, `start_s`)"
     )
     return _Reason(text, remaining)
 
@@ -195,6 +195,6 @@ def _limits(recording: Recording, problem: Scaled, modelled: Array) -> list[str]
             f"the output stays at its {word} value, {end:.4g}, {counted(int(at.sum()), 'time')}, {in_a_row} of "
             f"them in a row "
             f"({recording.where(places[:1])} to {recording.lines[places[1]]}): a limit of the sensor or plant, which "
-            "the model does not have; leave it out with --from and --to, or record a smaller step"
+            "the model does not have; leave it out with `start_s` and `end_s`, or record a smaller step"
         )
     return notes

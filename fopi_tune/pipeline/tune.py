@@ -203,7 +203,7 @@ def _scenario_candidate(
     from fopi_tune.design.time_domain import design_for_scenarios
 
     if solver is Solver.CONVEX:
-        raise DomainError("measures of scenarios are no convex functions of the gains; leave --solver convex out")
+        raise DomainError("measures of scenarios are no convex functions of the gains; leave `solver='convex'` out")
     known = start if isinstance(start, FoPi) or start is None else start.gains
     return design_for_scenarios(searched, violations, known)
 

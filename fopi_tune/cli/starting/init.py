@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune.cli.gains import number_option
-from fopi_tune.cli.output import bad_input, reason_of, say
+from fopi_tune.cli.output import bad_input, in_options, reason_of, say
 from fopi_tune.core.text_tables.words import TimeUnit
 from fopi_tune.errors import DomainError
 from fopi_tune.results.saved.writing import obstacle, to_json, write_file
@@ -196,7 +196,7 @@ def write_spec(options: InitOptions) -> None:
     if options.schema:
         _check_schema_file(beside, options.force)
     try:
-        text = template(name, _plant_sections(options, recordings), SCHEMA_FILE if options.schema else None)
+        text = in_options(template(name, _plant_sections(options, recordings), SCHEMA_FILE if options.schema else None))
     except DomainError as error:
         raise bad_input(str(error)) from None
     if options.schema:
