@@ -37,6 +37,7 @@ from fopi_tune.report.response_rows import driven_plants, measure_ranges
 from fopi_tune.report.text.formatting import (
     exact_limit,
     margins_phrase,
+    next_sentence,
     number,
     score_note,
     sentence,
@@ -229,7 +230,7 @@ def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> st
 
 
 def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "verdict", f"{str(proof['verdict']).replace('_', ' ')}. {sentence(proof['reason'])}"
+    yield "verdict", f"{str(proof['verdict']).replace('_', ' ')}. {next_sentence(proof['reason'])}"
     if "stability" in proof:
         said = proof["stability"]
         yield "stability", f"{said['verdict']}: {said['reason']} (a coarse bound, which is all that stability needs)"
