@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from fopi_tune.cli.output import Exit, print_out, print_styled, report_failure, say, still_running_notes
 from fopi_tune.cli.report_files import report_of_run
 from fopi_tune.cli.result_files import files_of
-from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.errors import DomainError, SpecError, UnstableLoopError
 from fopi_tune.results.saved.names import (
     CERTIFICATE,
     CHECK,
@@ -160,6 +160,9 @@ def _process_one(
         files = list(options.further_files(result).items() if options.further_files else ())
         files += files_of(result)
         table = None if options.as_json else _result_text(result)
+    except UnstableLoopError as error:
+        say(f"{spec.name}: violated, the loop is not stable: {error}")
+        return Exit.NOT_MET
     except DomainError as error:
         say(f"{spec.name}: {error}")
         return Exit.BAD_INPUT
