@@ -109,6 +109,7 @@ def _with_nodes(node: Node, path: Path, nodes: dict[Path, Node]) -> Node:
 
 
 def node_at(tree: Node, path: Path) -> Node | None:
+    """The node at a path of a tree; None where there is none."""
     for step in path:
         if isinstance(tree, MappingNode) and step in tree.entries:
             tree = tree.entries[str(step)][1]
