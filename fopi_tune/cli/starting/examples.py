@@ -109,7 +109,7 @@ def write_example(name: str, force: bool) -> None:
         try:
             write_file(Path(path), content)
         except OSError as error:
-            raise bad_input(f"cannot write {path} ({obstacle(path, error)}); go to another folder") from None
+            raise bad_input(f"cannot write {path} ({obstacle(Path(path), error)}); go to another folder") from None
         say(f"wrote {path}")
     say(f"next: {example.command}")
 

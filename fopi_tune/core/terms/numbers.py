@@ -83,7 +83,10 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
 
 
 def values_at(
-    s: Any, value: Callable[[NDArray[np.complex128]], NDArray[np.complex128]], at_zero: complex, at_infinity: complex
+    s: Any,
+    value: Callable[[NDArray[np.complex128]], NDArray[np.complexfloating]],
+    at_zero: complex,
+    at_infinity: complex,
 ) -> NDArray[np.complex128]:
     """A function of s at complex numbers, and its limits where these are 0 or infinite.
 
@@ -103,9 +106,9 @@ def values_at(
     except (TypeError, ValueError, OverflowError):
         raise DomainError(f"s = {s!r:.100} is no complex number; give one, such as 0.3j, or an array of them") from None
     with np.errstate(all="ignore"):
-        found = value(points)
+        found = np.asarray(value(points), dtype=complex)
     if np.isfinite(found).all() and np.isfinite(points).all() and (points != 0.0).all():
-        return found
+        return found[()]
     size = np.abs(points)
     # a power of a number near the ends of the floats' range may leave it
     ends = [(size == 0.0) | (~np.isfinite(found) & (size < _NEAR_ZERO)), np.isnan(points)]
