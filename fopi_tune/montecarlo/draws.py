@@ -143,6 +143,7 @@ def _places(plan: SamplingPlan, family: PlantList, first: int, count: int) -> Ar
 def _rows(table: ParameterTable, family: PlantFamily, first: int, count: int) -> Array:
     if first + count > len(table.rows):
         raise DomainError(
-            f"draws {first} to {first + count - 1} were asked for of {counted(len(table.rows), 'sample')}, from 0 on"
+            f"draws {first} to {first + count - 1} were asked for; there {'is' if len(table.rows) == 1 else 'are'} "
+            f"{counted(len(table.rows), 'sample')}, from 0 on"
         )
     return np.ascontiguousarray(table.rows[first : first + count, table.columns(family)])
