@@ -16,6 +16,10 @@ class DomainError(FopiError, ValueError):
     """A number lies where the mathematics is not defined (omega <= 0, alpha outside (0, 2), an empty range)."""
 
 
+class UnstableLoopError(DomainError):
+    """A loop that is not stable, and turns too often for anything else of it to be searched; the message says so."""
+
+
 @dataclass(frozen=True)
 class Problem:
     """One mistake in a spec file.

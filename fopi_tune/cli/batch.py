@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say, still_running_notes
+from fopi_tune.cli.output import Exit, print_out, print_styled, report_failure, say, still_running_notes
 from fopi_tune.cli.report_files import report_of_run
 from fopi_tune.cli.result_files import files_of
-from fopi_tune.errors import DomainError, SpecError
+from fopi_tune.errors import DomainError, SpecError, UnstableLoopError
 from fopi_tune.results.saved.names import (
     CERTIFICATE,
     CHECK,
@@ -30,7 +30,7 @@ from fopi_tune.results.saved.names import (
     SYSTEM_REPORT,
     TARGETS_FOLDER,
 )
-from fopi_tune.results.saved.writing import to_json, write_file
+from fopi_tune.results.saved.writing import obstacle, to_json, write_file
 
 # Solver, NumPy and Rich are imported where they are needed, so that errors in a spec are reported quickly.
 if TYPE_CHECKING:
@@ -160,6 +160,9 @@ def _process_one(
         files = list(options.further_files(result).items() if options.further_files else ())
         files += files_of(result)
         table = None if options.as_json else _result_text(result)
+    except UnstableLoopError as error:
+        say(f"{spec.name}: violated, the loop is not stable: {error}")
+        return Exit.NOT_MET
     except DomainError as error:
         say(f"{spec.name}: {error}")
         return Exit.BAD_INPUT
@@ -194,7 +197,7 @@ def write_files(folder: Path, files: Sequence[tuple[str, str | bytes]], name: st
         try:
             write_file(path, content)
         except OSError as error:
-            say(f"{name}: cannot write {path} ({reason_of(error)}); choose another folder with --out")
+            say(f"{name}: cannot write {path} ({obstacle(path, error)}); choose another folder with --out")
             return Exit.BAD_INPUT
         if path.parent == folder:
             options.note(f"{name}: wrote {path}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -63,10 +64,23 @@ def print_styled(text: Text) -> Exit:
 
 
 def say(message: str) -> None:
-    """Print one line on stderr; control characters, as in a file's name, are escaped."""
-    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in message)
+    """Print one line on stderr, with options for arguments; control characters, as in a file's name, are escaped."""
+    line = "".join(c if c.isprintable() else repr(c)[1:-1] for c in in_options(message))
     with contextlib.suppress(OSError):
         print(line, file=sys.stderr, flush=True)
+
+
+#: argument of a function of the library, as its messages have it -> option of the command line
+_OPTIONS = {
+    "exact": "--exact", "solver": "--solver", "model": "--model", "points": "--points",
+    "start": "--from", "stop": "--to", "start_s": "--from", "end_s": "--to",
+}  # fmt: skip
+_ARGUMENT = re.compile(rf"`({'|'.join(_OPTIONS)})(?:=(?:True|'(\w+)'))?`")
+
+
+def in_options(message: str) -> str:
+    """A message of the library for the command line:  `solver='convex'` in backquotes -> --solver convex."""
+    return _ARGUMENT.sub(lambda found: f"{_OPTIONS[found[1]]} {found[2] or ''}".rstrip(), message)
 
 
 def bad_input(message: str) -> typer.Exit:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from fopi_tune.cli.batch import OutputOptions
 from fopi_tune.cli.output import Exit, print_out, print_styled, reason_of, report_failure, say
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import CertificateError, DomainError, SpecError
 from fopi_tune.results.saved.writing import to_json
 
@@ -95,7 +96,9 @@ def recheck_optimum_file(document: Any, spec_file: str | None, options: OutputOp
     if options.as_json:
         return max(code, print_out(to_json(_optimum_document(found))))
     verdict = "sound" if found.is_sound else "refused"
-    lines = [f"{verdict}: {found.status.value}, {found.leaves} boxes tested again in ball arithmetic"]
+    lines = [
+        f"{verdict}: {found.status.value}, {counted(found.leaves, 'box', 'boxes')} tested again in ball arithmetic"
+    ]
     return max(code, print_out("\n".join([*lines, *(f"  {said}" for said in (*found.problems, *found.notes))])))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fopi_tune.cli.output import reason_of, say
+from fopi_tune.cli.output import say
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.results.saved.names import (
     CERTIFICATE,
@@ -20,6 +20,7 @@ from fopi_tune.results.saved.names import (
     SYSTEM_CERTIFICATE,
     SYSTEM_PROOF,
 )
+from fopi_tune.results.saved.writing import obstacle
 
 if TYPE_CHECKING:
     from fopi_tune.proof.switched import SystemCertificate
@@ -228,7 +229,7 @@ def _read_document(path: Path) -> Document | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise DomainError(f"{path} cannot be read ({reason_of(error)}); check it, or move it away") from None
+        raise DomainError(f"{path} cannot be read ({obstacle(path, error)}); check it, or move it away") from None
     except DomainError as error:
         raise DomainError(f"{path} {error}; make the result again, or move the file away") from None
     if not isinstance(found, dict):

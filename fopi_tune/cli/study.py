@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fopi_tune.cli.output import Exit, bad_input, print_out, print_styled, reason_of, report_failure, say
+from fopi_tune.cli.output import Exit, bad_input, print_out, print_styled, report_failure, say
 from fopi_tune.cli.progress import ProgressStyle, progress_display
 from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError, FopiError, SpecError
-from fopi_tune.results.saved.writing import to_json, write_file
+from fopi_tune.results.saved.writing import obstacle, to_json, write_file
 
 # Solvers and Dask are imported where they are needed, so that errors in a study are reported quickly.
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def _write_files(result: StudyResult, folder: Path, options: _StudyOptions) -> E
         try:
             write_file(folder / name, content)
         except OSError as error:
-            say(f"cannot write {folder / name} ({reason_of(error)}); choose another folder with --out")
+            say(f"cannot write {folder / name} ({obstacle(folder / name, error)}); choose another folder with --out")
             return Exit.BAD_INPUT
         options.note(f"{result.study.name}: wrote {folder / name}")
     if result.table.best is not None and BEST_YAML not in files and (folder / BEST_YAML).exists():
@@ -186,16 +186,18 @@ def _write_page(result: StudyResult, folder: Path, options: _StudyOptions) -> Ex
     """Write the page of the study and its figures; what was computed is kept even if that fails."""
     from fopi_tune.report.study_page import STUDY_REPORT, study_page_files
 
+    path = folder / STUDY_REPORT
     try:
         files = study_page_files(result)
-        if not files and (folder / STUDY_REPORT).exists():
+        if not files and path.exists():
             say(f"{result.study.name}: {STUDY_REPORT} in {folder} is of an earlier result, not of this one")
         for name, content in files.items():
-            write_file(folder / name, content)
+            path = folder / name
+            write_file(path, content)
             if name == STUDY_REPORT:
-                options.note(f"{result.study.name}: wrote {folder / name}")
+                options.note(f"{result.study.name}: wrote {path}")
     except OSError as error:
-        say(f"cannot write {folder / STUDY_REPORT} ({reason_of(error)}); choose another folder with --out")
+        say(f"cannot write {path} ({obstacle(path, error)}); choose another folder with --out")
         return Exit.BAD_INPUT
     except Exception as error:
         return report_failure(f"{result.study.name}: report", error, options.debug)
@@ -241,15 +243,20 @@ def _print_status(folder: str, as_json: bool) -> Exit:
 
     try:
         with read_ledger(Path(folder)) as ledger:
-            counts, failures, name, seconds = ledger.counts(), ledger.failures(), ledger.name, ledger.seconds()
+            progress, name, seconds = ledger.progress(), ledger.name, ledger.seconds()
     except DomainError as error:
         raise bad_input(str(error)) from None
+    counts, failures = progress.counts, progress.failures
     code = Exit.TOOL_FAILED if counts.failed else Exit.NOT_MET if counts.left else Exit.MET
     if as_json:
         failed = [{"cell": index + 1, "label": label, "reason": reason} for index, label, reason in failures]
         told = {"total": counts.total, "done": counts.done, "failed": counts.failed, "left": counts.left}
+        damaged = [{"cell": index + 1, "label": label} for index, label in progress.damaged]
         document = {"schema": 1, "name": name, "cells": told, "cell_seconds": seconds, "failures": failed}
+        document["damaged"] = damaged
         return max(code, print_out(to_json(document)))
     words = f"{name}: {counts.done} of {counted(counts.total, 'cell')} done, {counts.failed} failed, {counts.left} left"
     lines = [words, *(f"cell {index + 1} ({label}) failed: {reason}" for index, label, reason in failures)]
+    again = "its result was damaged on the disk and counts as none; the study's command runs it again"
+    lines += [f"cell {index + 1} ({label}): {again}" for index, label in progress.damaged]
     return max(code, print_out("\n".join(lines)))

@@ -6,6 +6,7 @@ terms, 1/(1 + sT) or 1/(1 + sT + s^2 T^2/2); without one F = 1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,7 +17,7 @@ from fopi_tune.core.terms.measurement_filter import (
     filter_numbers,
     filter_of,
 )
-from fopi_tune.core.terms.numbers import keep_plain
+from fopi_tune.core.terms.numbers import keep_plain, values_at
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -74,12 +75,24 @@ class FoPi:
         return self.kp == 0.0 and self.ki == 0.0
 
     def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
-        """C(s), filter included, at complex numbers of any shape, s not 0 where there is an integral."""
-        import numpy as np  # the command line reads gains before it needs arrays
+        """C(s), filter included, at complex numbers of any shape, rad/s; its limits where s is 0 or infinite.
 
-        points = np.asarray(s, dtype=complex)
-        terms = self._terms(points)
-        return terms if self.measurement_filter is None else self.measurement_filter(points) * terms
+        With an integral C(0) is infinite, with the sign of ki.
+
+        Raises:
+            DomainError: s is no number.
+        """
+
+        def value(points: NDArray[np.complex128]) -> NDArray[np.complex128]:
+            terms = self._terms(points)
+            return terms if self.measurement_filter is None else self.measurement_filter(points) * terms
+
+        at_zero = complex(math.copysign(math.inf, self.ki) if self.ki != 0.0 else self.kp)
+        return values_at(s, value, at_zero, self._at_infinity() if self.measurement_filter is None else 0.0)
+
+    def _at_infinity(self) -> float:
+        """The limit of C(s)/F(s) as |s| grows."""
+        return self.kp
 
     def _terms(self, points: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """C(s)/F(s)."""
@@ -127,6 +140,9 @@ class FoPid(FoPi):
     def is_zero(self) -> bool:
         """Whether C = 0: there is no controller."""
         return super().is_zero and self.kd == 0.0
+
+    def _at_infinity(self) -> float:
+        return self.kp + (self.kd / self.derivative_filter_time_constant_s if self.mu == 1.0 else 0.0)
 
     def _terms(self, points: NDArray[np.complex128]) -> NDArray[np.complex128]:
         power = points if self.mu == 1.0 else points**self.mu

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.plant import PlantFamily, Uncertain
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 
 Marks = NDArray[np.bool_]
@@ -40,7 +41,9 @@ class ParameterTable:
     def __post_init__(self) -> None:
         rows = np.array(self.rows, dtype=float, order="F")
         if rows.ndim != 2 or rows.shape[1] != len(self.names) or rows.size == 0:
-            raise DomainError(f"a table of {len(self.names)} names needs rows of as many numbers; got {rows.shape}")
+            raise DomainError(
+                f"a table of {counted(len(self.names), 'name')} needs rows of as many numbers; got {rows.shape}"
+            )
         if not np.isfinite(rows).all():
             raise DomainError(
                 f"row {int(np.argmin(np.isfinite(rows).all(axis=1))) + 1} has a number that is not finite"
@@ -184,8 +187,7 @@ def _excerpt(text: str) -> str:
 
 def _numbers(line: list[str], names: tuple[str, ...], number: int) -> Iterator[float]:
     if len(line) != len(names):
-        fields = "1 field" if len(line) == 1 else f"{len(line)} fields"
-        raise DomainError(f"line {number} has {fields}; its header has {len(names)}")
+        raise DomainError(f"line {number} has {counted(len(line), 'field')}; its header has {len(names)}")
     for entry, name in zip(line, names, strict=True):
         yield _number(entry, name, number)
 

@@ -125,8 +125,11 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
         crossover_rad_s: where `matched` keeps the gain and a prewarped `tustin` is exact; None: the band's middle.
 
     Raises:
-        DomainError: the band does not fit the sample time, or the parallel form is too inaccurate in float32.
+        DomainError: all gains are 0, the band does not fit the sample time, or the parallel form is too inaccurate in
+            float32.
     """
+    if gains.is_zero:
+        raise DomainError("all gains are 0: there is no controller; give one of them a value")
     sections = sections_of(gains, digital, crossover_rad_s)
     if gains.measurement_filter is not None:
         SampledFilter.of(gains.measurement_filter, digital.sample_time_s, Precision.FLOAT32)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.identification.recording import Recording
 
 #: outputs to each side that a dropout is compared with, and the fewest of a recording that is searched
@@ -47,7 +48,8 @@ def without_dropouts(recording: Recording) -> Recording:
         first, last = (recording.lines[rows[k]] for k in (begin, end - 1))
         values = recording.output[rows[begin:end]]
         notes.append(
-            f"{'lines' if recording.from_file else 'samples'} {first} to {last}: a dropout of {end - begin} outputs "
+            f"{'lines' if recording.from_file else 'samples'} {first} to {last}: a dropout of "
+            f"{counted(end - begin, 'output')} "
             f"({values.min():g} ... {values.max():g}), which no change of the input explains, left out"
         )
     return dataclasses.replace(recording, used=used, notes=tuple(notes))

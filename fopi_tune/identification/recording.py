@@ -215,7 +215,7 @@ def _merged(
         row = int(falls[0]) + 1
         raise DomainError(
             f"{unit} {lines[row]}: time {time[row]:g} s is before {time[row - 1]:g} s of {unit} {lines[row - 1]}"
-            + (f", and {len(falls) - 1} more times" if len(falls) > 1 else "")
+            + (f", and {counted(len(falls) - 1, 'more time')}" if len(falls) > 1 else "")
             + "; sort by time, or keep one run of several"
         )
     equal = np.flatnonzero(steps == 0) + 1
@@ -234,7 +234,8 @@ def _merged(
     note = f"{named}: the time of the {unit} before, merged with it"
     if equal.size > _COARSE_TIMES * len(time):
         mean_s = (time[-1] - time[0]) / (len(time) - 1)
-        note += f"; the times are too coarse for their lines, {mean_s:.3g} s apart: give --sample-time"
+        note += f"; the times are too coarse for their lines, {mean_s:.3g} s apart: give "
+        note += "--sample-time" if from_file else "times with more digits"
     return time[firsts], moved[lasts], mean, everything[firsts], lines[firsts], (note,)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
 from fopi_tune.identification.models import FitModel, Structure
@@ -84,7 +85,7 @@ def _second_order(problem: Scaled, structure: Structure, spread: Spread) -> _Rea
     left = math.sqrt(other.squares(problem.signals, parameters) / max(problem.n - other.size, 1))
     if left > _MUCH_LESS * spread.residual_std:
         return None
-    return _Reason(f"a second order leaves {100 * left:.3g} % of the output's range: --model second_order", left)
+    return _Reason(f"a second order leaves {100 * left:.3g} % of the output's range: try `model='second_order'`", left)
 
 
 def _trend(problem: Scaled, structure: Structure, parameters: Array, spread: Spread) -> _Reason | None:
@@ -131,7 +132,7 @@ def _step(
     text = (
         f"what the curve leaves steps by {size * problem.height:.3g} at about {at:.4g} s ({where}), "
         f"{100 * abs(size):.3g} % of the output's range, without the input: a disturbance? keep what is before or "
-        "after (--to, --from)"
+        "after (`end_s`, `start_s`)"
     )
     return _Reason(text, remaining)
 
@@ -191,8 +192,9 @@ def _limits(recording: Recording, problem: Scaled, modelled: Array) -> list[str]
             continue
         places = problem.rows[[first, last]]
         notes.append(
-            f"the output stays at its {word} value, {end:.4g}, {int(at.sum())} times, {in_a_row} of them in a row "
+            f"the output stays at its {word} value, {end:.4g}, {counted(int(at.sum()), 'time')}, {in_a_row} of "
+            f"them in a row "
             f"({recording.where(places[:1])} to {recording.lines[places[1]]}): a limit of the sensor or plant, which "
-            "the model does not have; leave it out with --from and --to, or record a smaller step"
+            "the model does not have; leave it out with `start_s` and `end_s`, or record a smaller step"
         )
     return notes

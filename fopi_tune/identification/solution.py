@@ -259,7 +259,8 @@ def _check_rise(problem: Scaled, structure: Structure, parameters: Array) -> Non
         longer = f"about {tau * seconds:.3g} s" if tau < 100 else "far longer"
         raise DomainError(
             f"the time constant ({longer}) with the dead time is longer than the record after the step "
-            f"({left * seconds:.3g} s): record at least three time constants, or fit an integrator (--model integrator)"
+            f"({left * seconds:.3g} s): record at least three time constants, or fit an integrator "
+            f"(`model='integrator'`)"
         )
     # only the last motion that has arrived can be within three time constants
     moves = np.concatenate([[-math.inf], _moves(problem.signals)])

@@ -13,6 +13,7 @@ from typing import Any
 
 from flint import ctx
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import CertificateError, DomainError
 from fopi_tune.optimum.branch_and_bound import Termination
 from fopi_tune.optimum.certify import (
@@ -159,7 +160,11 @@ def _boxes(stated: OptimumDocument, exactly: bool) -> list[str]:
     """A search looks at every box of its tree; one for a single level looks at each of them once."""
     boxes = sum(len(cover.tokens) for cover in stated.proof.covers) if stated.proof else 0
     wrong = stated.boxes != boxes if exactly else stated.boxes < boxes
-    return [f"{stated.boxes} boxes are stated of a search whose tree has {boxes}"] if wrong else []
+    return (
+        [f"the search is said to have looked at {counted(stated.boxes, 'box', 'boxes')}; its tree has {boxes}"]
+        if wrong
+        else []
+    )
 
 
 def _reasons_of_a_search(stated: OptimumDocument, spec: DesignSpec) -> tuple[str, ...]:

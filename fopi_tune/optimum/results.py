@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.optimum.pruning.exclusion import Reason
 from fopi_tune.optimum.tree import Cover
 from fopi_tune.quantities.objectives import ObjectiveKind
@@ -99,7 +100,7 @@ class Optimum:
     reason: str
 
     def __repr__(self) -> str:
-        return f"<Optimum of {self.name}: {self.status.value}, {self.boxes} boxes. {self.statement}>"
+        return f"<Optimum of {self.name}: {self.status.value}, {counted(self.boxes, 'box', 'boxes')}. {self.statement}>"
 
     @property
     def statement(self) -> str:

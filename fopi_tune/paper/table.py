@@ -10,6 +10,7 @@ from enum import StrEnum
 
 from rich.text import Text
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.text.formatting import BAD, GOOD, QUIET, Line, to_text, wrapped
 
 
@@ -87,7 +88,7 @@ def summary(rows: Rows) -> str:
     """The number of claims, and of each verdict."""
     every = [row for _, members in _groups(rows) for row in members]
     counts = ", ".join(f"{verdict.value}: {sum(row.verdict is verdict for row in every)}" for verdict in Verdict)
-    return f"{len(every)} claims. {counts[0].upper()}{counts[1:]}."
+    return f"{counted(len(every), 'claim')}. {counts[0].upper()}{counts[1:]}."
 
 
 def paper_markdown(rows: Rows) -> str:

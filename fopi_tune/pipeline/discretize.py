@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.tune_system import mode_gains
 from fopi_tune.proof import Verification, certify, verify
 from fopi_tune.results.design import Discretized
@@ -72,6 +73,11 @@ def discretize_system(source: SystemSource, gains: Mapping[str, FoPi] | None = N
 
     system = load_system(source)
     every_gains = mode_gains(system, gains)
+    for name, found in every_gains.items():
+        if found.is_zero:
+            raise DomainError(
+                f"{name}: all gains are 0, and code of a mode is that of its controller; give one a value"
+            )
     raising, lowering = (
         discretize(
             every_gains[mode.name], digital_section_of(mode.spec), nominal_crossover(mode.spec, every_gains[mode.name])

@@ -74,9 +74,11 @@ def tradeoff(
     """
     spec = load_spec(source)
     from fopi_tune.prices import movable_limit
-    from fopi_tune.prices.sweep import SweepRange, sweep  # loads CasADi
+    from fopi_tune.prices.sweep import SweepRange, check_range, sweep  # loads CasADi
 
     knob = movable_limit(spec, str(requirement))
+    wanted = SweepRange(start, stop, points)
+    check_range(knob, wanted)
     box = spec.controller
     box.refuse_filter_times("a sweep")
     if box.fixed is not None:
@@ -85,4 +87,4 @@ def tradeoff(
     if design.status is not Status.SOLVED or design.gains is None:
         said = f"{design.status.value}: {design.message}" if design.message else design.status.value
         raise DomainError(f"a sweep starts from the design with the spec's own limits, which is {said}")
-    return sweep(spec, knob, design.gains, SweepRange(start, stop, points), objective_name(spec))
+    return sweep(spec, knob, design.gains, wanted, objective_name(spec))

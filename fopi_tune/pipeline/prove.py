@@ -30,6 +30,7 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
+        UnstableLoopError: the loop is not stable, and turns too often for its requirements to be searched.
         DomainError: all gains are 0, or of another structure than the spec's; a tolerance outside (0, 0.01], a dead
             time so long that the loop's crossings cannot be listed, or a digital controller that the spec asks for and
             that cannot be made.

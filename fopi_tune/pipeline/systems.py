@@ -131,7 +131,9 @@ def refuse_system_simulation(
     point = plant_point(system.family, override_validation(system.validation, samples, seed), plant, replay)
     for mode in system.modes if exact else ():
         if mode.spec.digital is not None and mode.spec.digital.output_rate_per_s is not None:
-            raise DomainError(f"{mode.name}: output_rate_per_s belongs to the loop on samples; leave it or --exact out")
+            raise DomainError(
+                f"{mode.name}: output_rate_per_s belongs to the loop on samples; leave it or `exact=True` out"
+            )
     for each in select_scenarios(system.scenarios, scenario):
         if exact:
             refuse_samples_only(each, limits_rate=False)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.digital.implementation import designed_implementation
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import DomainError, UnstableLoopError
 from fopi_tune.pipeline.assemble import assemble_design, new_violations
 from fopi_tune.pipeline.degenerate import design_notes, without_vanished_terms
 from fopi_tune.proof import certify, verify
@@ -182,7 +182,13 @@ def _checked_candidate(
     if gains is None or gains.is_zero:
         return CheckedCandidate(candidate)
     implementation = designed_implementation(spec, gains)
-    verification = verify(spec, gains, implementation=implementation)
+    try:
+        verification = verify(spec, gains, implementation=implementation)
+    except UnstableLoopError as error:
+        if searched.controller.fixed is None:
+            raise
+        why = f"the spec fixes {searched.controller.names}, and these gains leave an unstable loop: {error}"
+        return CheckedCandidate(replace(candidate, status=Status.INFEASIBLE, gains=None, message=why))
     _log.info("%s: verification: %s", spec.name, "all met" if verification.all_met else "something is missed")
     if candidate.status is not Status.SOLVED or not verification.all_met:
         return CheckedCandidate(candidate, verification)
@@ -203,7 +209,7 @@ def _scenario_candidate(
     from fopi_tune.design.time_domain import design_for_scenarios
 
     if solver is Solver.CONVEX:
-        raise DomainError("measures of scenarios are no convex functions of the gains; leave --solver convex out")
+        raise DomainError("measures of scenarios are no convex functions of the gains; leave `solver='convex'` out")
     known = start if isinstance(start, FoPi) or start is None else start.gains
     return design_for_scenarios(searched, violations, known)
 

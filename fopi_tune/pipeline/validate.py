@@ -11,6 +11,7 @@ from fopi_tune.core.fractional_plants.family import ON_SAMPLES, refuse_fractiona
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.terms.numbers import whole_number
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.progress import logged_progress
 from fopi_tune.pipeline.discretize import discretize
@@ -102,5 +103,7 @@ def override_validation(validation: ValidationSpec | None, samples: int | None, 
     if not 1 <= drawn <= _MOST_SAMPLES:
         raise DomainError(f"samples = {drawn} must be at least 1 and at most {_MOST_SAMPLES}")
     if listed is not None and drawn > len(listed.table.rows):
-        raise DomainError(f"samples = {drawn} are more than the {len(listed.table.rows)} rows of {listed.name}")
+        raise DomainError(
+            f"samples = {drawn} are more than the {counted(len(listed.table.rows), 'row')} of {listed.name}"
+        )
     return replace(wanted, samples=drawn, seed=wanted.seed if seed is None else whole_number("seed", seed))

@@ -9,6 +9,7 @@ from typing import Any
 
 from fopi_tune.core.controller import ORDER_NAME, FoPi, numbers_of
 from fopi_tune.core.terms.controller_spec import ControllerSpec
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.prices.limit import MovableLimit
 from fopi_tune.results.documents import finite
 from fopi_tune.results.saved.files import json_file
@@ -130,7 +131,7 @@ class Tradeoff(Saved):
 
     def __repr__(self) -> str:
         return (
-            f"<Tradeoff of {self.spec.name}: {self.status}, {len(self.met)} of {len(self.points)} limits of "
+            f"<Tradeoff of {self.spec.name}: {self.status}, {len(self.met)} of {counted(len(self.points), 'limit')} of "
             f"{self.knob.quantity_name} are met; {self.objective_quantity}>"
         )
 

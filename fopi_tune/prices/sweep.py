@@ -53,13 +53,12 @@ def sweep(
         spec: the user's.
         movable: one of its limits.
         gains: of the design with the user's limit.
-        wanted: the range.
+        wanted: the range, which `check_range` has passed.
         objective_quantity: the objective in words.
 
     Raises:
-        DomainError: the range or the number of points makes no sense, or the design does not pass the check.
+        DomainError: there is nothing between the ends, or the design does not pass the check.
     """
-    _check(movable, wanted)
     prober = Prober.of(movable, gains)
     sides = [end_of(prober, way) for way in ((-1, 1) if movable.tightens == 0 else (movable.tightens,))]
     ends, lasts = tuple(end for end, _ in sides), [last for _, last in sides]
@@ -72,19 +71,28 @@ def sweep(
     return Tradeoff(movable, spec, prober.point(prober.base), points, ends, objective_quantity, stamped)
 
 
-def _check(movable: MovableLimit, wanted: SweepRange) -> None:
-    if not 2 <= whole_number("--points", wanted.points) <= _MOST_POINTS:
-        raise DomainError(f"--points {wanted.points} must lie between 2 and {_MOST_POINTS}; 50 is usual")
-    for option, value in (("--from", wanted.start), ("--to", wanted.stop)):
+def check_range(movable: MovableLimit, wanted: SweepRange) -> None:
+    """Refuse a range that makes no sense, before anything is designed.
+
+    Args:
+        movable: the limit that is swept.
+        wanted: its range.
+
+    Raises:
+        DomainError: an end or the number of points makes no sense.
+    """
+    if not 2 <= whole_number("`points`", wanted.points) <= _MOST_POINTS:
+        raise DomainError(f"`points` = {wanted.points} must lie between 2 and {_MOST_POINTS}; 50 is usual")
+    for argument, value in (("`start`", wanted.start), ("`stop`", wanted.stop)):
         if value is None:
             continue
-        if not math.isfinite(plain_number(option, value)):
-            raise DomainError(f"{option} {value!r} is no finite number")
+        if not math.isfinite(plain_number(argument, value)):
+            raise DomainError(f"{argument} = {value!r} is no finite number")
         problem = movable.quantity.check_limit(value)
         if problem:
-            raise DomainError(f"{option} {value:g}: a limit of {movable.quantity_name} {problem}")
+            raise DomainError(f"{argument} = {value:g}: a limit of {movable.quantity_name} {problem}")
     if wanted.start is not None and wanted.stop is not None and wanted.start >= wanted.stop:
-        raise DomainError(f"--from {wanted.start:g} must be smaller than --to {wanted.stop:g}")
+        raise DomainError(f"`start` = {wanted.start:g} must be smaller than `stop` = {wanted.stop:g}")
 
 
 def _limits(movable: MovableLimit, wanted: SweepRange, ends: Sequence[FeasibleEnd]) -> list[float]:
@@ -99,7 +107,7 @@ def _limits(movable: MovableLimit, wanted: SweepRange, ends: Sequence[FeasibleEn
     high = wanted.stop if wanted.stop is not None else reached[1]
     if low >= high:
         raise DomainError(
-            f"there is nothing between {low:g} and {high:g}: with one of --from and --to the other end is where "
+            f"there is nothing between {low:g} and {high:g}: with one of `start` and `stop` the other end is where "
             "the limits that can be met end; give both"
         )
     return [float(v) for v in np.linspace(low, high, wanted.points)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.proof.obligations import Case
 from fopi_tune.proof.output_limits import LimitedLoop
 from fopi_tune.proof.scenario_proofs import ScenarioProof, decided
@@ -233,8 +234,9 @@ class Certificate:
     def __repr__(self) -> str:
         proved = sum(proof.verdict is Verdict.PROVED for proof in self.requirements)
         return (
-            f"<Certificate of {self.name}: {self.verdict.value}, {proved} of {len(self.requirements)} requirements of "
-            f"the loop proved, {self.boxes} boxes>"
+            f"<Certificate of {self.name}: {self.verdict.value}, {proved} of "
+            f"{counted(len(self.requirements), 'requirement')} of "
+            f"the loop proved, {counted(self.boxes, 'box', 'boxes')}>"
         )
 
     @property

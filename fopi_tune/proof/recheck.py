@@ -17,6 +17,7 @@ from flint import ctx
 
 from fopi_tune.core.controller import derivative_of
 from fopi_tune.core.families.plant_list import PlantList, members_of
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import CertificateError
 from fopi_tune.proof.balls.loop import PRECISION
 from fopi_tune.proof.certificate import Certificate, Record, RequirementProof, SideProof, Verdict, relaxed_limit
@@ -303,7 +304,7 @@ def _is_beyond(side: SideProof, value: float, limit: float) -> bool:
 def _records(claims: list[Claim], records: tuple[Record, ...]) -> list[str]:
     """Errors in the records of these claims."""
     if not claims or len(claims) != len(records):
-        return [f"{len(records)} records are stated where {len(claims)} claims have to be shown"]
+        return [f"{counted(len(claims), 'claim')} must be shown, and records are stated of {len(records)}"]
     problems = []
     for claim, record in zip(claims, records, strict=True):
         problem = check_record(claim, record.tokens)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.documents import Document, ReportedRequirement, ResultDocuments
 from fopi_tune.report.requirement_rows import RequirementRow, requirement_rows
 from fopi_tune.report.text.formatting import number, requirement_phrase, scope_phrase
@@ -55,7 +56,10 @@ class ComparedDesign:
         digital = self.documents.spec.digital
         if digital is None or loop_name(self.documents.spec) != "sampled":
             return "in continuous time"
-        return f"on samples, every {number(digital.sample_time_s)} s, {number(digital.delay_samples)} samples of delay"
+        return (
+            f"on samples, every {number(digital.sample_time_s)} s, {number(digital.delay_samples)} "
+            f"{'sample' if digital.delay_samples == 1.0 else 'samples'} of delay"
+        )
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,11 @@ def _requirements_sentence(entry: ComparedDesign) -> str:
     design, digital = entry.documents.design, entry.documents.digital
     said, verdict = design["requirements"], design["proof"]["verdict"]
     missed = _missed(design)
-    told = f"misses {missed} of the {len(said)} requirements" if missed else f"meets all {len(said)} requirements"
+    told = (
+        f"misses {missed} of the {counted(len(said), 'requirement')}"
+        if missed
+        else f"meets all {counted(len(said), 'requirement')}"
+    )
     word = {"proved": "proved", "refuted": "refuted", "undecided": "undecided"}.get(verdict, "not proved")
     words = f"{entry.label} {told} of its spec ({design['status']}, {word})"
     if digital is None or loop_name(entry.documents.spec) == "sampled":

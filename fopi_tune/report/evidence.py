@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, label_axes
 from fopi_tune.report.requirement_rows import place_phrase
 from fopi_tune.report.text.formatting import drawn_phrase, members_phrase, number
@@ -60,7 +61,7 @@ def sampling_phrase(evidence: Mapping[str, Any]) -> str:
     drawn = evidence["drawn"]
     total = (evidence.get("stable") or evidence["joint_yield"])["total"]
     how = f"rows of {drawn['samples_file']['name']}" if drawn["samples_file"] else str(drawn["design"])
-    words = f"{evidence['status']}: {total} plants, {how}, seed {drawn['seed']}"
+    words = f"{evidence['status']}: {counted(total, 'plant')}, {how}, seed {drawn['seed']}"
     if drawn.get("plants"):
         words += ", " + members_phrase([(str(each["name"]), float(each["weight"])) for each in drawn["plants"]])
     outside = drawn["outside_the_family"]
@@ -94,8 +95,9 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
 
     words = "; ".join(f"{_phrase(j)}: met by {' in '.join(_share_and_interval(j['fraction']))}" for j in told)
     said = (
-        f"Histograms of the values that {evidence['stable']['total']} drawn plants reach, each share with its "
-        f"{100.0 * confidence:g} % interval; dashed: the limit, where it is near. {words}."
+        f"Histograms of the values that {counted(evidence['stable']['total'], 'drawn plant')} reach, each share "
+        f"with its "
+        f"{100.0 * confidence:g} % interval; dashed: the limit, where it is near. Shares: {words}."
     )
     return Picture(f"{name}: plants drawn at random", said, draw, (WIDE, 1.0 + 1.8 * len(told)))
 

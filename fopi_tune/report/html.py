@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.report.document_shapes import CHECKED
 from fopi_tune.report.documents import ReportedRequirement, ResultDocuments
@@ -36,6 +37,7 @@ from fopi_tune.report.response_rows import driven_plants, measure_ranges
 from fopi_tune.report.text.formatting import (
     exact_limit,
     margins_phrase,
+    next_sentence,
     number,
     score_note,
     sentence,
@@ -170,7 +172,7 @@ def _missed_phrase(digital: Mapping[str, Any]) -> str:
     """A sentence on how many requirements the loop on samples misses; empty if none."""
     met = [*(bool(each["met"]) for each in digital["requirements"]), *measures_met(digital)]
     missed = met.count(False)
-    return f" It misses {missed} of {len(met)} requirements; see below." if missed else ""
+    return f" It misses {missed} of {counted(len(met), 'requirement')}; see below." if missed else ""
 
 
 def _proof_words(design: Mapping[str, Any], verdict: str) -> list[str]:
@@ -214,7 +216,10 @@ def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> str:
     asked = documents.spec.digital
     assert asked is not None  # there is a digital controller only if the spec asks for one
-    words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with {asked.poles} poles"
+    words = (
+        f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with "
+        f"{counted(asked.poles, 'pole')}"
+    )
     words += "" if asked.method == "fit" else f", {asked.rule}"
     samples = "sample" if asked.delay_samples == 1.0 else "samples"
     words += f", {number(asked.delay_samples)} {samples} of computing delay" if asked.delay_samples else ""
@@ -225,7 +230,7 @@ def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> st
 
 
 def _proof(proof: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    yield "verdict", f"{str(proof['verdict']).replace('_', ' ')}. {sentence(proof['reason'])}"
+    yield "verdict", f"{str(proof['verdict']).replace('_', ' ')}. {next_sentence(proof['reason'])}"
     if "stability" in proof:
         said = proof["stability"]
         yield "stability", f"{said['verdict']}: {said['reason']} (a coarse bound, which is all that stability needs)"

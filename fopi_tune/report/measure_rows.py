@@ -38,7 +38,9 @@ def _row(limit: Limit, said: Mapping[str, Any]) -> RequirementRow:
     counted = ""
     if drawn is not None:
         share = interval_phrase(drawn["low"], drawn["high"])
-        counted = f"{drawn['met']} of {drawn['total']} drawn plants meet it ({share})"
+        counted = (
+            f"{drawn['met']} of {drawn['total']} drawn plants {'meets' if drawn['met'] == 1 else 'meet'} it ({share})"
+        )
     shown = said["proved_bound"]
     if shown is not None:
         word = "at most" if limit.relation is Relation.AT_MOST else "at least"

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.figures.picture import Picture
 from fopi_tune.report.figures.studies import CellColumns, chosen_heat_maps, figures_of
 from fopi_tune.report.page import figure_files, render_figures, render_template
@@ -79,7 +80,7 @@ def _undrawn(study: Study, cells: CellColumns) -> list[str]:
 
 def _counted(outcomes: Sequence[Value]) -> str:
     counts = Counter(str(outcome) for outcome in outcomes)
-    return f"{len(outcomes)} cells: {', '.join(f'{count} {name}' for name, count in counts.items())}"
+    return f"{counted(len(outcomes), 'cell')}: {', '.join(f'{count} {name}' for name, count in counts.items())}"
 
 
 def _cell_text(value: Value) -> str:

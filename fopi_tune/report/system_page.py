@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from fopi_tune.core.controller import FoPi
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.proof.switched import SystemCertificate, SystemVerdict
 from fopi_tune.proof.switched.certificate import ASSUMPTIONS
 from fopi_tune.report.evidence import sampling_phrase, system_evidence_rows
@@ -173,5 +174,5 @@ def _model(certificate: SystemCertificate, unit: str) -> Iterator[tuple[str, str
         yield (
             loop.name,
             f"plant {loop.plant.model}: {', '.join(numbers)}; control from {low:g} to {high:g}; "
-            f"{len(loop.controller.poles)} sections",
+            f"{counted(len(loop.controller.poles), 'section')}",
         )

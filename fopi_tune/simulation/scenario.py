@@ -29,6 +29,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.core.terms.feedforward import Fed
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.digital.switched_runtime import Memory
@@ -84,7 +85,7 @@ class Signals:
             if signal.ndim != 1 or not len(signal) or not np.all(np.isfinite(signal)):
                 raise DomainError(f"the {name} needs one finite number a sample; it has shape {signal.shape}")
             if len(signal) != len(self.reference):
-                raise DomainError(f"the load has {len(signal)} samples, the reference {len(self.reference)}")
+                raise DomainError(f"the load has {counted(len(signal), 'sample')}, the reference {len(self.reference)}")
             object.__setattr__(self, name, signal)
 
     def __len__(self) -> int:

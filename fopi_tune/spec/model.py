@@ -19,6 +19,7 @@ from fopi_tune.core.terms.controller_spec import ControllerSpec as ControllerSpe
 from fopi_tune.core.terms.controller_spec import GainRange as GainRange
 from fopi_tune.core.terms.digital_spec import DigitalSpec as DigitalSpec
 from fopi_tune.core.terms.feedforward import FeedForward
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.quantities.requirement import Relation as Relation
 from fopi_tune.quantities.requirement import Requirement as Requirement
@@ -193,7 +194,7 @@ class DesignSpec:
     def __repr__(self) -> str:
         asked = len(self.requirements) + len(self.scenario_requirements)
         loop = "in continuous time" if self.digital is None else f"on samples of {self.digital.sample_time_s:g} s"
-        return f"<DesignSpec {self.name}: plant {self.plant.model}, {asked} requirements, {loop}>"
+        return f"<DesignSpec {self.name}: plant {self.plant.model}, {counted(asked, 'requirement')}, {loop}>"
 
     def to_yaml(self) -> str:
         """The text that this spec was read from, in YAML; of `ft.spec` one with the same entries.
@@ -309,7 +310,7 @@ class SystemSpec:
 
     def __repr__(self) -> str:
         names = " and ".join(mode.name for mode in self.modes)
-        return f"<SystemSpec {self.name}: modes {names}, {len(self.scenarios)} scenarios>"
+        return f"<SystemSpec {self.name}: modes {names}, {counted(len(self.scenarios), 'scenario')}>"
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.min_dwell_s < math.inf:

@@ -22,6 +22,7 @@ from fopi_tune.core.parameter_table import (
     why_impossible,
 )
 from fopi_tune.core.plant import PlantFamily
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.spec.model import ValidationSpec
 from fopi_tune.spec.sampling.distributions import (
@@ -136,7 +137,9 @@ def _from_samples_file(
         return None
     rows = len(table.rows)
     if values.get("samples", rows) > rows:
-        place.child("samples").refuse(f"{quoted(name)} has {rows} rows; write at most as many, or leave samples out")
+        place.child("samples").refuse(
+            f"{quoted(name)} has {counted(rows, 'row')}; write at most as many, or leave samples out"
+        )
         return None
     listed = SamplesFile(name, hashlib.sha256(data).hexdigest(), table)
     plain = {key: value for key, value in values.items() if key in ("seed", "confidence")}
@@ -166,7 +169,7 @@ def _own_columns(text: str, family: PlantFamily) -> tuple[str, int]:
         for row in reader:
             if len(row) != len(names):
                 where = f"line {above + reader.line_num}"
-                raise DomainError(f"{where} has {len(row)} fields; its header has {len(names)}")
+                raise DomainError(f"{where} has {counted(len(row), 'field')}; its header has {len(names)}")
             fields = (row[i] for i in kept)
             writer.writerow(fields if separator == "," else map(_with_point, fields))
     except csv.Error as error:

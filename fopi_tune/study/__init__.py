@@ -69,7 +69,7 @@ def run(
         retry_failed: run failed cells again.
         resume: refuse to begin a new study.
         told: called with the progress after every chunk.
-        say: called with messages about the cluster.
+        say: called with messages about the cluster and about damaged results.
 
     Raises:
         LedgerError: the ledger cannot be used, or another process runs this study.
@@ -91,7 +91,7 @@ def run(
     with open_ledger(folder) as ledger, contextlib.ExitStack() as stack:
         if retry_failed:
             ledger.forget_failed(study, versions)
-        counts = run_study(study, ledger, versions, lambda: _runner(machines, stack, say), told)
+        counts = run_study(study, ledger, versions, lambda: _runner(machines, stack, say), told, say)
         table = collect_table(study, ledger.results())
         if table.best is not None:
             index = table.best.index

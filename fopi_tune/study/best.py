@@ -65,7 +65,8 @@ def find_best(rule: BestRule, records: Sequence[Mapping[str, Value]]) -> Best:
         if isinstance(value, int | float) and not isinstance(value, bool) and isinstance(cell, int):
             found.append((value, cell - 1))
     if not found:
-        return Best(rule, None, None, f"no cell that meets the conditions has a number in the column {rule.column}")
+        which = "no cell that meets the conditions" if conditions else "no cell"
+        return Best(rule, None, None, f"{which} has a number in the column {rule.column}")
     side = 1.0 if rule.sense is Sense.MINIMIZE else -1.0
     value, index = min(found, key=lambda each: (side * each[0], each[1]))
     of = (

@@ -117,8 +117,9 @@ def run_study(
     versions: Mapping[str, str],
     runner: Callable[[], Runner],
     told: ProgressCallback | None = None,
+    say: Callable[[str], None] = lambda words: None,
 ) -> Counts:
-    """Run every cell that has no result in the ledger.
+    """Run every cell that has no result in the ledger, or one that was damaged.
 
     Args:
         study: with its cells.
@@ -126,12 +127,15 @@ def run_study(
         versions: of the packages that compute the cells.
         runner: makes the runner; not called when there is nothing to run.
         told: called with the progress after every chunk.
+        say: called with a message about each damaged result.
 
     Returns:
         The final counts; no cell is left unless `runner` raises.
     """
     keys = cell_keys(study.cells, versions)
     ledger.plan(study, keys, versions)
+    for index, label in ledger.discard_damaged():
+        say(f"what {ledger.path} had of cell {index + 1} ({label}) was damaged; the cell is run again")
     known = ledger.known()
     # equal cells are run once
     todo = {key: cell for key, cell in zip(keys, study.cells, strict=True) if key not in known}

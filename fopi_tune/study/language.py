@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.spec.language import NAME_PATTERN, NAME_RULE, SCHEMA_VERSION
 from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import Place
@@ -149,7 +150,7 @@ def _check_between_sections(values: Values, place: Place) -> None:
     zipped: list[Axis] = list(values.get("zip") or ())
     for first, axis in ((zipped[0], other) for other in zipped[1:]):
         if len(axis.nodes) != len(first.nodes):
-            message = f"has {len(axis.nodes)} values and {first.path} {len(first.nodes)}; they go in step"
+            message = f"has {counted(len(axis.nodes), 'value')} and {first.path} {len(first.nodes)}; they go in step"
             place.child("zip").child(axis.path).refuse(message)
     stages = _stages(values) if values.get("stages", []) is not None else ()
     for name, path in _collected(values, place):

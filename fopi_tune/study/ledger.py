@@ -3,6 +3,9 @@
 A killed process leaves a valid file.  A cell is in the ledger with its result or not at all; there is no state
 "running".  The plan lists the cells that the study has now.  Results of cells that were in an earlier plan are kept and
 used when the study has them again.  One process writes.
+
+Each result is kept with the hash of what was recorded.  One that has another hash was damaged on the disk: its cell
+counts as not done, and is run again.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from fopi_tune.errors import DomainError
+from fopi_tune.results.saved.writing import obstacle
 from fopi_tune.study.model import Cell, Study
 from fopi_tune.study.worker import CellResult
 
@@ -79,6 +83,21 @@ class Counts:
         return self.total - self.done - self.failed
 
 
+@dataclass(frozen=True)
+class Progress:
+    """How far a study is, by what its ledger has.
+
+    Args:
+        counts: of the cells; a damaged result is none.
+        failures: index, label and reason of each failed cell, in order.
+        damaged: index and label of each cell whose result was damaged, in order.
+    """
+
+    counts: Counts
+    failures: tuple[tuple[int, str, str], ...]
+    damaged: tuple[tuple[int, str], ...]
+
+
 class Ledger:
     """An open ledger; made by `open_ledger` and `read_ledger`."""
 
@@ -110,12 +129,20 @@ class Ledger:
             keys = ((key,) for key in cell_keys(study.cells, versions))
             connection.executemany("DELETE FROM results WHERE failed = 1 AND key = ?", keys)
 
+    def discard_damaged(self) -> list[tuple[int, str]]:
+        """Delete the plan's results that were damaged, so that their cells are run again; their indices and labels."""
+        damaged = [(position, label, key) for position, label, key, result in self._rows() if result is None]
+        if damaged:
+            with self._transaction() as connection:
+                connection.executemany("DELETE FROM results WHERE key = ?", [(key,) for _, _, key in damaged])
+        return [(position, label) for position, label, _ in damaged]
+
     def known(self) -> frozenset[str]:
         """Keys of all results."""
         return frozenset(key for (key,) in self._fetch_all("SELECT key FROM results"))
 
     def counts(self) -> Counts:
-        """The progress of the plan."""
+        """The progress of the plan; damaged results, which `run` discards first, are not looked for."""
         (total,) = self._fetch_all("SELECT COUNT(*) FROM plan")[0]
         rows_found = dict(
             self._fetch_all("SELECT r.failed, COUNT(*) FROM plan p JOIN results r USING (key) GROUP BY r.failed")
@@ -127,20 +154,38 @@ class Ledger:
         query = "SELECT p.position, p.label, r.reason FROM plan p JOIN results r USING (key) WHERE r.failed = 1"
         return self._fetch_all(f"{query} ORDER BY p.position")
 
+    def progress(self) -> Progress:
+        """The progress of the plan, with every result read and compared with its hash."""
+        done, failures, damaged = 0, [], []
+        for position, label, _, result in self._rows():
+            if result is None:
+                damaged.append((position, label))
+            elif result.failed:
+                failures.append((position, label, result.reason))
+            else:
+                done += 1
+        return Progress(Counts(self.counts().total, done, len(failures)), tuple(failures), tuple(damaged))
+
     def results(self) -> Iterator[tuple[int, CellResult]]:
         """Index and result of every cell of the plan that was run, in order.
 
         Raises:
             LedgerError: it cannot be read, or has something else than what was recorded.
         """
-        query = "SELECT p.position, r.key, r.failed, r.document, r.reason, r.seconds, r.digest FROM plan p"
+        for position, label, _, result in self._rows():
+            if result is None:
+                message = f"what {self.path} has of cell {position + 1} ({label}) is damaged"
+                raise LedgerError(f"{message}; run the same command again: only that cell is run again")
+            yield position, result
+
+    def _rows(self) -> Iterator[tuple[int, str, str, CellResult | None]]:
+        """Index, label, key and result of the plan's cells that have one, in order; None for a damaged result."""
+        query = "SELECT p.position, p.label, r.key, r.failed, r.document, r.reason, r.seconds, r.digest FROM plan p"
         with self._errors_translated():
             rows_found = self._connection.execute(f"{query} JOIN results r USING (key) ORDER BY p.position")
-            for position, key, failed, document, reason, seconds, digest in rows_found:
-                if _digest(key, failed, document, reason) != digest:
-                    message = f"what {self.path} has of cell {position + 1} is damaged"
-                    raise LedgerError(f"{message}; move the file away to begin anew, or choose another --out")
-                yield position, CellResult(key, document, reason, seconds)
+            for position, label, key, failed, document, reason, seconds, digest in rows_found:
+                is_whole = _digest(key, failed, document, reason) == digest
+                yield position, label, key, CellResult(key, document, reason, seconds) if is_whole else None
 
     def document_of(self, index: int) -> str:
         """The result of a cell of the plan, as JSON."""
@@ -185,7 +230,13 @@ def open_ledger(folder: Path) -> Iterator[Ledger]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise LedgerError(f"cannot make {folder} ({error.strerror}); choose another folder with --out") from None
+        raise LedgerError(
+            f"cannot make {folder} ({obstacle(folder, error)}); choose another folder with --out"
+        ) from None
+    if path.is_dir():
+        raise LedgerError(
+            f"{path} is a folder, where the study's results belong; move it away, or choose another --out"
+        )
     with _locked(folder), contextlib.closing(_connect(path, path.as_posix(), uri=False)) as connection:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
@@ -236,9 +287,12 @@ def _digest(*recorded: object) -> str:
 
 def _connect(path: Path, target: str, uri: bool) -> sqlite3.Connection:
     try:
-        return sqlite3.connect(target, timeout=30.0, uri=uri)
+        connection = sqlite3.connect(target, timeout=30.0, uri=uri)
     except sqlite3.Error as error:
         raise _unusable_error(path, error) from error
+    # damaged text is seen by its hash, and spoils no other row
+    connection.text_factory = lambda text: text.decode(errors="replace")
+    return connection
 
 
 def _check_format(connection: sqlite3.Connection, path: Path) -> int:
@@ -282,7 +336,7 @@ def _locked(folder: Path) -> Iterator[None]:
         descriptor = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR, 0o644)
     except OSError as error:
         raise LedgerError(
-            f"cannot write {folder / _LOCK} ({error.strerror}); choose another folder with --out"
+            f"cannot write {folder / _LOCK} ({obstacle(folder / _LOCK, error)}); choose another folder with --out"
         ) from None
     try:
         try:

@@ -12,6 +12,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import Any
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import SpecError
 from fopi_tune.spec.language import read_spec
 from fopi_tune.spec.load import contents_reader
@@ -97,7 +98,9 @@ def _apply_at(tree: Node, path: Path, depth: int, override: Override) -> Node:
         if not isinstance(tree, SequenceNode):
             raise NoSuchPathError(f"{where} is {kind_of(tree)} in the spec, not a list; there is no entry [{step}]")
         if step >= len(tree.nodes):
-            raise NoSuchPathError(f"{where} has {len(tree.nodes)} entries in the spec; they count from [0]")
+            raise NoSuchPathError(
+                f"{where} has {counted(len(tree.nodes), 'entry', 'entries')} in the spec; they count from [0]"
+            )
         nodes = list(tree.nodes)
         nodes[step] = _apply_at(nodes[step], path, depth + 1, override)
         return replace(tree, nodes=tuple(nodes))

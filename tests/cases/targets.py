@@ -27,6 +27,22 @@ STRUCTURES = {
     "lagged_proportional": (FoPi(1.5, 0.0, 1.0), MeasurementFilter(1, 0.3), 0.5, (-1.0, 0.8), None),
     "derivative": (Pid(2.0, 0.0, 0.8, 0.15), None, 1.0, (-1.0, 0.8), None),
 }
+#: the same with numbers at the ends of what is taken
+ODD = {
+    "least_order": (FoPi(0.4, 0.4, 0.02), None, 1.0, (-1.0, 1.0), None),
+    "largest_order": (FoPi(0.4, 0.4, 1.98), None, 0.0, (-1.0, 1.0), None),
+    "negative": (FoPi(-0.4, -0.4, 0.8), None, 1.0, (-1.0, 1.0), 0.5),
+    "opposed": (FoPi(0.4, -0.4, 1.2), None, 0.5, None, None),
+    "no_proportional": (FoPi(0.0, 0.4, 0.8), None, 0.0, (-1.0, 1.0), 1.0),
+    "negative_pid": (Pid(-2.0, -1.0, -0.8, 0.15), MeasurementFilter(2, 0.3), 0.0, (-1.0, 1.0), 2.0),
+    "derivative_alone": (Pid(0.0, 0.0, 0.8, 0.15), None, 1.0, (-1.0, 1.0), None),
+    "slow_filters": (Pid(2.0, 1.0, 0.8, 50.0), MeasurementFilter(2, 100.0), 1.0, (-1.0, 1.0), None),
+    "ends_of_orders": (FoPid(2.0, 1.0, 1.98, 0.8, 0.98, 0.15), MeasurementFilter(1, 0.3), 0.0, (-1.0, 1.0), 1.0),
+    "tiny": (FoPi(1e-9, 1e-9, 0.8), None, 1.0, (-1.0, 1.0), None),
+    "huge": (FoPi(1e9, 1e9, 0.8), None, 1.0, (-1.0, 1.0), None),
+    "tiny_limits": (FoPi(0.4, 0.4, 0.8), None, 1.0, (-1e-9, 1e-9), None),
+    "limits_beyond_0": (FoPi(0.4, 0.4, 0.8), None, 1.0, (5.0, 6.0), 1e-3),
+}
 
 
 @dataclass(frozen=True)
@@ -39,8 +55,8 @@ class Row:
 
 @cache
 def exported(structure: str) -> Export:
-    """An export, by its name in `STRUCTURES`."""
-    gains, used, b, limits, rate = STRUCTURES[structure]
+    """An export, by its name in `STRUCTURES` or `ODD`."""
+    gains, used, b, limits, rate = {**STRUCTURES, **ODD}[structure]
     controller = discretize(gains if used is None else replace(gains, measurement_filter=used), DigitalSpec(TS))
     made = Export("Brake-1.2", 'A "car"s <brake> & more', "0" * 64, "fopi-tune 0", controller, Units("km/h", "<part>"))
     return replace(made, limits=limits, rate_per_s=rate, setpoint_weight=b)
@@ -65,6 +81,6 @@ def rows_of(structure: str, precision: Precision = Precision.FLOAT64) -> tuple[R
 
 
 def structures(*each_time: str) -> pytest.MarkDecorator:
-    """Every structure, those that are not named with `-m long`."""
-    marked = [pytest.param(name, marks=[pytest.mark.long] * (name not in each_time)) for name in STRUCTURES]
+    """Every structure and the odd ones, those that are not named with `-m long`."""
+    marked = [pytest.param(name, marks=[pytest.mark.long] * (name not in each_time)) for name in (*STRUCTURES, *ODD)]
     return pytest.mark.parametrize("structure", marked)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -16,7 +18,7 @@ from cases.project import CONTINUOUS, IMPORTED
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
-from fopi_tune.cli.output import report_failure
+from fopi_tune.cli.output import report_failure, say
 from fopi_tune.results.saved.writing import write_file
 
 BRAKE = str(CONTINUOUS / "brake.yaml")
@@ -170,3 +172,25 @@ def test_an_import_that_fails_in_the_package_itself_is_its_mistake(
 ) -> None:
     assert report_failure("brake", raised_in("fopi_tune.report", ImportError("no such name", name=name)), False) == 3
     assert "internal error, ImportError: no such name" in capsys.readouterr().err
+
+
+def test_arguments_of_the_library_become_options(capsys: pytest.CaptureFixture[str]) -> None:
+    say("leave it or `exact=True` out, or `solver='convex'`; `points` = 0, between `start` and `stop` (`fopi prove`)")
+    assert capsys.readouterr().err == (
+        "leave it or --exact out, or --solver convex; --points = 0, between --from and --to (`fopi prove`)\n"
+    )
+
+
+def test_errors_of_the_library_name_no_option_of_the_command_line() -> None:
+    """But those about files, ledgers and clusters, which only commands read."""
+    package = IMPORTED / "fopi_tune"
+    found: list[str] = []
+    for path in sorted(package.rglob("*.py")):
+        place = path.relative_to(package)
+        if place.parts[0] in ("cli", "study") or place.as_posix() == "identification/columns.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise):
+                texts = (str(each.value) for each in ast.walk(node) if isinstance(each, ast.Constant))
+                found += [f"{place}:{node.lineno}: {text}" for text in texts if re.search(r"--[a-z]", text)]
+    assert found == []

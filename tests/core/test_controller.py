@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from cases.random_loops import random_plant
 
-from fopi_tune.core.controller import FoPi, Pid, controller_of, numbers_of
+from fopi_tune.core.controller import FoPi, FoPid, Pid, controller_of, numbers_of
 from fopi_tune.core.loops import Loops, Plants
 from fopi_tune.core.margins import margins
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.plant import Plant
 from fopi_tune.core.stability import is_stable, unstable_closed_loop_poles
+from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.errors import DomainError
 
 #: relative; both evaluate the same rational function, one by its roots
@@ -40,6 +43,39 @@ def test_controllers_are_functions_of_s() -> None:
 
 def test_a_proportional_controller_is_finite_at_the_origin() -> None:
     assert FoPi(1.5, 0.0, 0.6)(0.0) == 1.5
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        FoPi(1.5, 0.7, 0.6),
+        FoPi(1.5, -0.7, 1.9),
+        FoPi(-2.0, 0.0, 0.6),
+        Pid(1.5, 0.7, 0.2, 0.1),
+        FoPid(1.5, -0.7, 0.6, 0.2, 0.5, 0.1),
+        FoPi(1.5, 0.7, 0.6, measurement_filter=MeasurementFilter(2, 0.3)),
+        Pid(1.5, 0.7, 0.2, 0.1, measurement_filter=MeasurementFilter(1, 0.3)),
+    ],
+)
+def test_limits_at_the_ends_are_what_values_near_them_tend_to(controller: FoPi) -> None:
+    at_zero, at_infinity = controller(np.array([0.0, math.inf]))
+    near, far = controller(np.array([1e-300, 1e300]))
+    if controller.ki == 0.0:
+        assert at_zero == pytest.approx(near)
+    else:
+        assert at_zero.real == math.copysign(math.inf, near.real)
+        assert abs(near) > 1e100
+    assert at_infinity == pytest.approx(far, abs=1e-100)
+    assert controller(0.0) == at_zero
+    # a number between them is none of the ends, whatever stands beside it
+    assert controller(np.array([0.0, 0.3j, math.nan]))[1] == pytest.approx(controller(0.3j), rel=1e-14)
+    assert np.isnan(controller(math.nan))
+    with pytest.raises(DomainError, match="s = 'fast' is no complex number; give one"):
+        controller("fast")  # pyright: ignore[reportArgumentType]
+
+
+def test_a_controller_is_infinite_at_its_pole() -> None:
+    assert np.isposinf(Pid(1.5, 0.7, 0.2, 0.125)(-8.0).real)
 
 
 def test_numbers_by_name_give_the_controller_back() -> None:

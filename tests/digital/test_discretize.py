@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases.project import ROOT
 from scipy import signal
 
 import fopi_tune as ft
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital import discretize
 from fopi_tune.digital.discretize import APPROXIMATIONS, Method
@@ -148,6 +149,14 @@ def test_the_fit_is_five_times_better_than_oustaloup_and_tustin(alpha: float) ->
 def test_oustaloup_and_tustin_err_as_published() -> None:
     gains = FoPi(0.0, 1.0, 0.55)
     assert error(tustin(gains, oustaloup(0.55, 7, BAND), TS), 0.55, JUDGED) == pytest.approx(0.115, abs=5e-4)
+
+
+@pytest.mark.parametrize("gains", [FoPi(0.0, 0.0, 0.5), Pid(0.0, 0.0, 0.0, 1.0)])
+def test_gains_that_are_all_0_are_no_controller(gains: FoPi) -> None:
+    with pytest.raises(DomainError, match="all gains are 0: there is no controller; give one of them a value"):
+        discretize(gains, DigitalSpec(0.1))
+    with pytest.raises(DomainError, match="brake: all gains are 0, and code of a mode is that of its controller"):
+        ft.discretize_system(ROOT / "systems" / "car.yaml", {"throttle": FoPi(0.1, 0.1, 0.8), "brake": gains})
 
 
 @pytest.mark.thinned(6)

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from cases.targets import STRUCTURES, exported
+from cases.targets import ODD, STRUCTURES, exported
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
@@ -37,7 +37,7 @@ SYSTEMS = {
     "fed": (BAND, Memory.TRACKING, 2, True, True),
     "lines": (SwitchingLines(Threshold(12.3, True), Threshold(-0.7)), Memory.HELD, 0, True, False),
 }
-NAMES = [*STRUCTURES, *SYSTEMS]
+NAMES = [*STRUCTURES, *ODD, *SYSTEMS]
 #: every part of a controller, limits alone, and both kinds of switching
 EACH_TIME = ["all", "fopi", "fed", "band"]
 every_export = pytest.mark.parametrize(
@@ -47,7 +47,7 @@ every_export = pytest.mark.parametrize(
 
 @cache
 def files_of(name: str) -> dict[str, str]:
-    if name in STRUCTURES:
+    if name not in SYSTEMS:
         return export_c(exported(name))
     turns, memory, dwell, is_fed, has_rate = SYSTEMS[name]
     fed = ((0.03, 0.2), (0.011, 0.0)) if is_fed else ()

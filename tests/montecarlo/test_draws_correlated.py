@@ -140,7 +140,7 @@ WRONG = [
         "correlations[0].numbers[1]: 'time_constant' is no number",
     ),
     ("[{numbers: [static_gain, static_gain], coefficient: 0.5}]", "'static_gain' is there twice; write two uncertain"),
-    ("[{numbers: [static_gain], coefficient: 0.5}]", "the list has 1 entries; write a list of 2 entries"),
+    ("[{numbers: [static_gain], coefficient: 0.5}]", "the list has 1 entry; write a list of 2 entries"),
     ("[{numbers: [static_gain, time_constant_s], coefficient: 1}]", "1 is out of range; it must be"),
     ("[{numbers: [static_gain, time_constant_s]}]", "coefficient: the key is missing"),
     ("[]", "write a list of at least 1"),

@@ -93,7 +93,7 @@ def test_an_actuator_whose_rate_is_not_reached_needs_no_note() -> None:
 
 def test_a_rate_limit_in_the_controller_is_of_the_loop_on_samples_alone() -> None:
     text = spec_text("slew_limit", ("sample_time_s: 0.05", "sample_time_s: 0.05, output_rate_per_s: 0.25"))
-    with pytest.raises(DomainError, match="output_rate_per_s belongs to the loop on samples; leave it or --exact out"):
+    with pytest.raises(DomainError, match="belongs to the loop on samples; leave it or `exact=True` out"):
         ft.simulate(parse_spec(text.replace(", rate_per_s: 0.25", "")), FoPi(2.0, 2.0, 1.0), exact=True)
 
 

@@ -207,7 +207,7 @@ def test_a_plant_of_higher_order_is_driven_drawn_and_named_where_it_is_not_model
     assert driven.measures["switch_count"] > 1
     assert ft.validate_system(path).evidence.validation.samples == 60
     assert ft.simulate_system(path, replay=3).plant["heater.denominator[1]"] != 4.0
-    with pytest.raises(DomainError, match="heater: its plant of order 2 is simulated on samples; leave --exact out"):
+    with pytest.raises(DomainError, match="its plant of order 2 is simulated on samples; leave `exact=True` out"):
         ft.simulate_system(path, exact=True)
     system = load_system(path)
     certificate = ft.prove_system(system, setpoints=(2.0, 8.0)).certificate

@@ -96,7 +96,7 @@ def test_nothing_arrives_before_the_dead_time() -> None:
 
 
 def test_continuous_time_names_the_dead_time() -> None:
-    with pytest.raises(DomainError, match="heater: the dead time of its plant is simulated on samples; leave --exact"):
+    with pytest.raises(DomainError, match="heater: the dead time of its plant is simulated on samples; leave `exa"):
         ft.simulate_system(DUCT, exact=True)
 
 

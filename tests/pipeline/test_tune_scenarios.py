@@ -124,7 +124,7 @@ def test_a_relaxation_that_is_told_can_be_met() -> None:
 
 
 def test_the_convex_search_is_refused() -> None:
-    with pytest.raises(DomainError, match="leave --solver convex out"):
+    with pytest.raises(DomainError, match="leave `solver='convex'` out"):
         ft.tune(BRAKE.spec, solver=Solver.CONVEX)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -286,6 +287,25 @@ def test_equal_sweeps_give_equal_files() -> None:
     result = brake()
     assert tradeoff_svg(result) == tradeoff_svg(result)
     assert ft.tradeoff(CONTINUOUS / "brake.yaml", 5, points=12).to_dict() == result.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words", "python", "command"),
+    [
+        ({"points": 0}, ["--points", "0"], "`points` = 0 must lie between 2", "--points = 0 must lie between 2 and"),
+        ({"start": -10.0, "stop": -20.0}, ["--from", "-10", "--to", "-20"],
+         "`start` = -10 must be smaller than `stop` = -20", "--from = -10 must be smaller than --to = -20"),
+    ],
+)  # fmt: skip
+def test_a_range_without_sense_is_told_in_the_words_of_who_asks(
+    arguments: dict[str, Any], words: list[str], python: str, command: str
+) -> None:
+    source = CONTINUOUS / "throttle.yaml"
+    with pytest.raises(ft.DomainError, match=re.escape(python)):
+        ft.tradeoff(source, "sensitivity_db", **arguments)
+    done = CliRunner().invoke(app, ["tune", str(source), "--tradeoff", "sensitivity_db", *words])
+    assert done.exit_code == 2
+    assert command in done.stderr
 
 
 @pytest.mark.parametrize(

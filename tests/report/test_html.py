@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import html
 import json
 import math
 import re
@@ -177,6 +178,17 @@ def test_a_loop_that_is_stable_with_its_limits_is_told() -> None:
     page = report_files(without_gains(proof=proof))["report.html"]
     assert isinstance(page, str)
     assert "stable with its limits, -1 to 0: proved" in page
+
+
+@pytest.mark.parametrize("reason", ["there are no gains that pass the check", "left out on demand: not proved"])
+def test_no_sentence_of_the_page_begins_in_lower_case(reason: str) -> None:
+    proof = {"verdict": "not_attempted", "reason": reason}
+    page = str(report_files(without_gains(proof=proof, message="the gains are fixed"))["report.html"])
+    shown = re.sub(r"<(script|style).*?</\1>", " ", page, flags=re.DOTALL)
+    # each element of a table or a list begins anew
+    words = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]*>", " | ", shown)))
+    assert f"not attempted. {reason[0].upper()}{reason[1:]}." in words
+    assert re.findall(r"[a-z)][.!?] [a-z][^|]*", words) == []
 
 
 def test_a_design_of_another_spec_is_refused() -> None:

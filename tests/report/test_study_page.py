@@ -131,7 +131,7 @@ def test_a_page_that_cannot_be_made_loses_no_result(folder: Path, monkeypatch: p
          "is not known here; did you mean 'pm'?"),
         ("{heat_maps: [{column: pm, x: controller.kp, y: controller.kp}]}", "report.heat_maps[0].y: x and y are both"),
         ("{heat_maps: [{column: pm, x: controller.kp}]}", "report.heat_maps[0].y: the key is missing"),
-        ("{parallel_coordinates: [pm]}", "report.parallel_coordinates: the list has 1 entries; write a list of 2"),
+        ("{parallel_coordinates: [pm]}", "report.parallel_coordinates: the list has 1 entry; write a list of 2"),
         ("{parallel_coordinates: [pm, q]}", "report.parallel_coordinates[1]: 'q' is not known here"),
         ("{heat_map: []}", "did you mean 'heat_maps'?"),
     ],

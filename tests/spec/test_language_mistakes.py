@@ -274,7 +274,7 @@ def test_every_number_is_reported_at_its_own_place(where: str, place: str) -> No
         (
             "samples: 10000",
             "samples: 1.5",
-            "24:23: validation.samples: 1.5 is not a whole number; write digits only, such as 10000",
+            "24:23: validation.samples: 1.5 is not a whole number; write one, such as 1 or 2",
         ),
     ],
 )

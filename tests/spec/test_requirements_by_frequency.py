@@ -70,7 +70,7 @@ def test_specs_without_lines_keep_their_digests_and_lines_have_their_own() -> No
         ("sensitivity_db: {at_most: {by_frequency: [[0.1, 3]]}}", "6:47: requirements[0].sensitivity_db.at_most"),
         ("sensitivity_db: {at_most: {by_frequency: [[0.1, 3], [0.1, 4]]}}", "frequencies must increase"),
         ("sensitivity_db: {at_most: {by_frequency: [[0, 3], [0.1, 4]]}}", "a frequency must be greater than 0"),
-        ("sensitivity_db: {at_most: {by_frequency: [[0.1, 3], [1]]}}", "the list has 1 entries"),
+        ("sensitivity_db: {at_most: {by_frequency: [[0.1, 3], [1]]}}", "the list has 1 entry"),
         ("sensitivity_db: {at_most: {by_frequency: [[0.1, 3], [1, x]]}}", "'x' is not a number"),
         ("sensitivity_db: {at_most: {by_frequency: [[0.1, 3], [1, 2]]}}, to_rad_s: 3", "is given beside by_frequency"),
         ("sensitivity_db: {between: {by_frequency: [[0.1, 3], [1, 2]]}}", "list"),

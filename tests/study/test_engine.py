@@ -493,7 +493,10 @@ def test_a_dry_run_lists_the_cells_and_runs_nothing() -> None:
         (["--status", "."], "there is no ledger.sqlite in ."),
         (["--status", "new"], "new/ledger.sqlite has no study yet"),
         (["s.yaml", "--out", "alien"], "alien/ledger.sqlite is a database of something else"),
-        (["s.yaml", "--out", "locked"], "cannot write locked/ledger.lock (Is a directory); choose another folder"),
+        (
+            ["s.yaml", "--out", "locked"],
+            "cannot write locked/ledger.lock (locked/ledger.lock is a folder); choose another folder",
+        ),
     ],
 )
 def test_bad_input_ends_with_2_and_one_line(arguments: list[str], part: str) -> None:
@@ -657,15 +660,33 @@ def test_a_file_of_samples_that_changes_changes_its_cell(folder: Path) -> None:
     ["document = 'not json'", "document = '[1]'", "document = ''", "document = '{}'",
      "document = replace(document, '0.385', '0.386')", "document = replace(document, 'met', 'great')",
      "document = '{\"a\":' || replace(hex(zeroblob(50000)), '00', '[') || '}'", "document = x'ff00'",
+     "document = cast(x'fffe' || document AS TEXT)", "reason = cast(x'c3' AS TEXT)",
      "failed = 1", "failed = 7", "reason = 'lost'"],
 )  # fmt: skip
-def test_a_result_that_was_damaged_is_no_row(folder: Path, damage: str) -> None:
-    cells = study("stages: [prove]")
-    run(cells, folder / "out", HERE)
-    with contextlib.closing(sqlite3.connect(folder / "out" / LEDGER)) as connection, connection:
-        connection.execute(f"UPDATE results SET {damage}")
-    with pytest.raises(LedgerError, match="has of cell 1 is damaged; move the file away"):
-        run(cells, folder / "out", HERE)
+def test_a_result_that_was_damaged_is_told_and_its_cell_alone_is_run_again(folder: Path, damage: str) -> None:
+    path = write('grid: {"requirements[0].phase_margin_deg.at_least": [75, 80]}\nstages: [prove]')
+    cells, out = load_study(path), folder / "out"
+    whole = run(cells, out, HERE).table
+    assert {row[whole.columns.index("outcome")] for row in whole.rows} == {"met"}
+    with contextlib.closing(sqlite3.connect(out / LEDGER)) as connection, connection:
+        connection.execute(f"UPDATE results SET {damage} WHERE key = (SELECT key FROM plan WHERE position = 1)")
+    label = cells.cells[1].label
+    status = CliRunner().invoke(app, ["study", "--status", str(out)])
+    again = "its result was damaged on the disk and counts as none; the study's command runs it again"
+    assert status.stdout.splitlines() == ["s: 1 of 2 cells done, 0 failed, 1 left", f"cell 2 ({label}): {again}"]
+    assert status.exit_code == 1
+    told = json.loads(CliRunner().invoke(app, ["study", "--status", str(out), "--json"]).stdout)
+    assert told["cells"] == {"total": 2, "done": 1, "failed": 0, "left": 1}
+    assert told["damaged"] == [{"cell": 2, "label": label}]
+    with read_ledger(out) as ledger, pytest.raises(LedgerError, match=r"has of cell 2 .* is damaged; run the same"):
+        collect_table(cells, ledger.results())
+    progress: list[Counts] = []
+    said: list[str] = []
+    assert run(cells, out, HERE, told=progress.append, say=said.append).table == whole
+    assert progress == [Counts(2, 1, 0), Counts(2, 2, 0)]
+    assert said == [f"what {out / LEDGER} had of cell 2 ({label}) was damaged; the cell is run again"]
+    assert run(cells, out, HERE, say=said.append).table == whole
+    assert len(said) == 1
 
 
 def test_a_ledger_without_digests_is_gone_on_with(folder: Path) -> None:

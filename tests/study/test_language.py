@@ -197,7 +197,7 @@ def test_a_misspelt_path_is_told_as_the_spec_language_tells_it(folder: Path) -> 
         ("grid: {digital.poles: 5}", "'5' is written where a list of values belongs; write [5]"),
         ("grid: {digital.poles: []}", "the list is empty"),
         ("grid: [1]", "a list is written where a mapping belongs"),
-        ("zip: {digital.poles: [5, 7], digital.delay_samples: [1]}", "has 1 values and digital.poles 2; they go in"),
+        ("zip: {digital.poles: [5, 7], digital.delay_samples: [1]}", "has 1 value and digital.poles 2; they go in"),
         ("grid: {digital.poles: [5]}\nzip: {digital.poles: [5]}", "the path has values on line 4 already"),
         ("grid: {digital.poles: [5]}\ncells: [{digital.poles: 5}]", "the path has values on line 4 already"),
         ("stages: [tun]", "did you mean 'tune'?"),

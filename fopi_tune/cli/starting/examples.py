@@ -14,8 +14,8 @@ from importlib.resources import files
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from fopi_tune.cli.output import Exit, bad_input, print_out, reason_of, say
-from fopi_tune.results.saved.writing import write_file
+from fopi_tune.cli.output import Exit, bad_input, print_out, say
+from fopi_tune.results.saved.writing import obstacle, write_file
 
 #: folder of the examples -> the command that is tried first with what is in it
 _COMMANDS = {"specs": "run", "systems": "simulate", "studies": "study"}
@@ -109,7 +109,7 @@ def write_example(name: str, force: bool) -> None:
         try:
             write_file(Path(path), content)
         except OSError as error:
-            raise bad_input(f"cannot write {path} ({reason_of(error)}); go to another folder") from None
+            raise bad_input(f"cannot write {path} ({obstacle(Path(path), error)}); go to another folder") from None
         say(f"wrote {path}")
     say(f"next: {example.command}")
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fopi_tune.cli.gains import number_option
-from fopi_tune.cli.output import bad_input, reason_of, say
+from fopi_tune.cli.output import bad_input, in_options, reason_of, say
 from fopi_tune.core.text_tables.words import TimeUnit
 from fopi_tune.errors import DomainError
-from fopi_tune.results.saved.writing import to_json, write_file
+from fopi_tune.results.saved.writing import obstacle, to_json, write_file
 
 if TYPE_CHECKING:
     from fopi_tune.identification import FitModel, ReadOptions, Recording
@@ -196,7 +196,7 @@ def write_spec(options: InitOptions) -> None:
     if options.schema:
         _check_schema_file(beside, options.force)
     try:
-        text = template(name, _plant_sections(options, recordings), SCHEMA_FILE if options.schema else None)
+        text = in_options(template(name, _plant_sections(options, recordings), SCHEMA_FILE if options.schema else None))
     except DomainError as error:
         raise bad_input(str(error)) from None
     if options.schema:
@@ -298,4 +298,4 @@ def _write(path: Path, text: str) -> None:
     try:
         write_file(path, text)
     except OSError as error:
-        raise bad_input(f"cannot write {path} ({reason_of(error)}); choose another file with --out") from None
+        raise bad_input(f"cannot write {path} ({obstacle(path, error)}); choose another file with --out") from None

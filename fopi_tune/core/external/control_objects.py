@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 
 #: coefficients that polynomials have at most; longer ones are badly conditioned
@@ -45,7 +46,7 @@ def coefficients_of(system: Any) -> tuple[Coefficients, Coefficients]:
     if system.dt is not None and system.dt is not False and system.dt != 0:
         raise DomainError(f"this {kind} is in discrete time (dt = {system.dt}); {_ADVICE}")
     if (system.ninputs, system.noutputs) != (1, 1):
-        size = f"{system.noutputs} outputs and {system.ninputs} inputs"
+        size = f"{counted(system.noutputs, 'output')} and {counted(system.ninputs, 'input')}"
         raise DomainError(f"this {kind} has {size}; give one of its entries, such as system[0, 0]")
     if isinstance(system, control.TransferFunction):
         top, bottom = (_trimmed(side[0][0]) for side in (system.num, system.den))

@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 
 #: points of a response
@@ -91,7 +92,7 @@ class Curve:
         if not omega.ndim == gain.ndim == phase.ndim == 1 or not len(omega) == len(gain) == len(phase):
             raise DomainError("frequencies, gains and phases must be one-dimensional and of one length")
         if len(omega) < FEWEST_POINTS:
-            raise DomainError(f"has {len(omega)} points; a response needs at least {FEWEST_POINTS}")
+            raise DomainError(f"has {counted(len(omega), 'point')}; a response needs at least {FEWEST_POINTS}")
         if not all(np.isfinite(part).all() for part in (omega, gain, phase)):
             raise DomainError("has a value that is not finite")
         if omega[0] <= 0.0 or (np.diff(omega) <= 0.0).any():

@@ -19,7 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from fopi_tune.core.terms.numbers import keep_plain
+from fopi_tune.core.terms.numbers import keep_plain, values_at
 from fopi_tune.errors import DomainError
 
 if TYPE_CHECKING:
@@ -117,10 +117,14 @@ class MeasurementFilter:
         return self(2j / sample_time_s * np.tan(half))
 
     def __call__(self, s: complex | NDArray[np.complexfloating]) -> NDArray[np.complex128]:
-        """F(s) at complex numbers of any shape."""
+        """F(s) at complex numbers of any shape, rad/s; its limits where s is 0 or infinite.
+
+        Raises:
+            DomainError: s is no number.
+        """
         import numpy as np  # the command line reads gains before it needs arrays
 
-        return np.asarray(1.0 / np.polyval(np.array(self.coefficients), np.asarray(s, dtype=complex)), dtype=complex)
+        return values_at(s, lambda points: 1.0 / np.polyval(np.array(self.coefficients), points), 1.0, 0.0)
 
 
 def filter_not_available(what: str) -> str:

@@ -7,11 +7,18 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fopi_tune.errors import DomainError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+#: sizes beyond which a power of a number may leave the floats' range
+_NEAR_ZERO, _NEAR_INFINITY = 1e-100, 1e100
 
 
 def plain_number(name: str, value: Any) -> float:
@@ -73,3 +80,37 @@ def whole_number(name: str, value: Any, least: int = 0) -> int:
     if whole < least:
         raise DomainError(f"{name} = {value!r} must be at least {least}")
     return whole
+
+
+def values_at(
+    s: Any,
+    value: Callable[[NDArray[np.complex128]], NDArray[np.complexfloating]],
+    at_zero: complex,
+    at_infinity: complex,
+) -> NDArray[np.complex128]:
+    """A function of s at complex numbers, and its limits where these are 0 or infinite.
+
+    Args:
+        s: complex numbers of any shape, rad/s; where one is nan, so is the value.
+        value: of the function at finite numbers that are not 0.  At a pole, where it divides by 0, it is infinite.
+        at_zero: limit at 0, from the right.
+        at_infinity: limit as |s| grows.
+
+    Raises:
+        DomainError: s is no number, nor an array of numbers.
+    """
+    import numpy as np
+
+    try:
+        points = np.asarray(s, dtype=complex)
+    except (TypeError, ValueError, OverflowError):
+        raise DomainError(f"s = {s!r:.100} is no complex number; give one, such as 0.3j, or an array of them") from None
+    with np.errstate(all="ignore"):
+        found = np.asarray(value(points), dtype=complex)
+    if np.isfinite(found).all() and np.isfinite(points).all() and (points != 0.0).all():
+        return found[()]
+    size = np.abs(points)
+    # a power of a number near the ends of the floats' range may leave it
+    ends = [(size == 0.0) | (~np.isfinite(found) & (size < _NEAR_ZERO)), np.isnan(points)]
+    ends += [np.isinf(size) | (~np.isfinite(found) & (size > _NEAR_INFINITY)), ~np.isfinite(found)]
+    return np.select(ends, [at_zero, complex(np.nan, np.nan), at_infinity, complex(np.inf, 0.0)], found)[()]

@@ -22,6 +22,6 @@ class TimeUnit(Enum):
         return {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0}[self.value]
 
 
-def counted(number: int, word: str) -> str:
-    """`1 sample`, `2 samples`."""
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"
+def counted(number: int, word: str, words: str = "") -> str:
+    """`1 sample`, `2 samples`; `words` is the plural where an s does not make it."""
+    return f"{number} {word}" if number == 1 else f"{number} {words or word + 's'}"

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.proof.switched.bounded import BoundedProof
 from fopi_tune.proof.switched.cycles import CycleProof
 from fopi_tune.proof.switched.model import Memory, SwitchedModel
@@ -105,7 +106,7 @@ class SystemCertificate:
         ]
         if self.model.min_dwell_samples > 1 and (self.settling is not None or self.cycles):
             dwell = self.model.min_dwell_samples
-            found.append(f"What follows is for modes that stay at least {dwell} samples after a switch.")
+            found.append(f"What follows is for modes that stay at least {counted(dwell, 'sample')} after a switch.")
         if self.settling is not None:
             found.append(self._settling(self.settling))
         if self.bounded is not None:
@@ -155,7 +156,8 @@ class SystemCertificate:
         pull = "an attracting" if proof.attracts else "a"
         return (
             f"At setpoint {proof.setpoint:g}{''.join(', ' + each for each in numbers)}: {pull} periodic orbit of "
-            f"{len(proof.modes)} samples, from {proof.lowest:+.4g} to {proof.highest:+.4g} around the setpoint."
+            f"{counted(len(proof.modes), 'sample')}, from {proof.lowest:+.4g} to {proof.highest:+.4g} around "
+            f"the setpoint."
         )
 
 

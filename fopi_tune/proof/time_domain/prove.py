@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.digital.realise import Precision
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.balls.box import Box, Interval, centre_of, point_box, split
@@ -132,7 +133,9 @@ class _Search:
                 pending += pieces
             if self.examined >= self.budget:
                 reasons = [entry[2].reason for entry in waiting if entry[2].reason]
-                message = "; of a box ".join([f"the budget of {self.budget} boxes is spent", *reasons[:1]])
+                message = "; of a box ".join(
+                    [f"the budget of {counted(self.budget, 'box', 'boxes')} is spent", *reasons[:1]]
+                )
                 break
             examined = self._examine(pending.pop())
             found = examined.found

@@ -13,7 +13,7 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import DomainError, UnstableLoopError
 from fopi_tune.proof.verification.results import Stability
 from fopi_tune.proof.verification.sample import Sample, evaluate, with_work
 from fopi_tune.proof.verification.worst_case import find_worst_case, loops_ahead, place_of
@@ -30,10 +30,12 @@ def check_stability(sample: Sample) -> Stability:
     """Whether every member of the family is stable, and where the loop comes closest to -1.
 
     Raises:
-        DomainError: the phase of a member turns more than `MOST_TURNS` times below its gain crossover.
+        UnstableLoopError: a member is unstable, and its phase turns more than `MOST_TURNS` times below its gain
+            crossover.
+        DomainError: the same of one that is stable.
     """
     counts, turns = (found[: len(sample.x)] for found in evaluate(loops_ahead(sample)[0], _poles_and_turns))
-    _refuse_too_many_turns(sample, turns)
+    _refuse_too_many_turns(sample, turns, counts)
     if (counts > 0.5).any():
         row = sample.nominal if counts[sample.nominal] > 0.5 else int(np.argmax(counts))
         return _unstable(sample, sample.x[row], float(counts[row]))
@@ -67,17 +69,23 @@ def _poles_and_turns(loops: Loops) -> tuple[Array, Array]:
     return unstable_closed_loop_poles(loops), turns
 
 
-def _refuse_too_many_turns(sample: Sample, turns: Array) -> None:
+def _refuse_too_many_turns(sample: Sample, turns: Array, counts: Array) -> None:
     row = int(np.argmax(turns))
     if turns[row] <= MOST_TURNS:
         return
     place = place_of(sample, sample.x[row], np.nan)
     plant = ", ".join(f"{name} = {value:.6g}" for name, value in place.plant.items())
-    raise DomainError(
-        f"the loop's phase turns {turns[row]:,.0f} times below its gain crossover{f' with {plant}' if plant else ''}; "
-        f"at most {MOST_TURNS:,} turns, with as many crossings, can be searched: take smaller gains or a shorter "
-        "dead time"
+    said = f"the loop's phase turns {turns[row]:,.0f} times below its gain crossover{f' with {plant}' if plant else ''}"
+    end = (
+        f"at most {MOST_TURNS:,} turns, with as many crossings, can be searched: take smaller gains or a "
+        f""
+        f"shorter dead time"
     )
+    if counts[row] < 0.5:
+        raise DomainError(f"{said}; {end}")
+    poles = f"{counts[row]:,.0f} closed-loop poles {_unstable_side(sample.nominal_loop)}"
+    infinite = "infinitely many unstable poles, or some on the axis"
+    raise UnstableLoopError(f"{said}, which leaves {poles if np.isfinite(counts[row]) else infinite}; {end}")
 
 
 def _unstable(sample: Sample, x: Array, count: float) -> Stability:

@@ -13,7 +13,7 @@ from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import DomainError, UnstableLoopError
 from fopi_tune.proof.verification.crossing_changes import SamplePair
 from fopi_tune.proof.verification.lists import of_members
 from fopi_tune.proof.verification.measured import reassessed, verify_measured
@@ -46,6 +46,7 @@ def verify(
     are interpolated, of the ideal controller.
 
     Raises:
+        UnstableLoopError: some loop is unstable, and turns too often to be searched.
         DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
     """
     if isinstance(spec.plant, PlantList):
@@ -88,7 +89,8 @@ def _verified_members(
         try:
             found.append(verify(own, gains, tolerance, implementation))
         except DomainError as error:
-            raise DomainError(f"{member.name}: {error}") from None
+            kind = UnstableLoopError if isinstance(error, UnstableLoopError) else DomainError
+            raise kind(f"{member.name}: {error}") from None
     return found
 
 

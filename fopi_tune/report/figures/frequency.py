@@ -287,7 +287,8 @@ def _unstable_note(found: dict[str, Array]) -> str:
     if not unstable:
         return ""
     return (
-        f" Of the {many} plants along the curve {unstable} leave an unstable loop, which has no margins: a gap there."
+        f" Of the {many} plants along the curve {unstable} {'leaves' if unstable == 1 else 'leave'} an "
+        f"unstable loop, which has no margins: a gap there."
     )
 
 

@@ -106,7 +106,8 @@ def _unstable_note(unstable: int, many: int) -> str:
     if unstable == many:
         return " The loop is unstable for every plant drawn."
     return (
-        f" Of the {many} plants drawn {unstable} leave an unstable loop: the axis is that of the stable ones, and the "
+        f" Of the {many} plants drawn {unstable} {'leaves' if unstable == 1 else 'leave'} an unstable loop: the "
+        f"axis is that of the stable ones, and the "
         "others' outputs leave it."
     )
 

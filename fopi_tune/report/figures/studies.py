@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, legend_below, plain_text
 from fopi_tune.report.text.formatting import number
 from fopi_tune.study.model import SUCCESS_STATUSES, HeatMap, Value
@@ -141,7 +142,10 @@ def heat_map_picture(cells: CellColumns, figure: HeatMap) -> Picture | None:
     if as_fields and len(np.unique(places, axis=0)) < len(placed):
         told += " A field with several cells shows their median."
     if missing := len(cells.rows) - len(placed):
-        told += f" {missing} of {len(cells.rows)} cells have no number there and are left out; a grey field has none."
+        told += (
+            f" {missing} of {counted(len(cells.rows), 'cell')} {'has' if missing == 1 else 'have'} no number there and "
+            f"{'is' if missing == 1 else 'are'} left out; a grey field has none."
+        )
     if ring is not None and cells.best is not None:
         told += f" The ring is around the best cell, {cells.rows[cells.best]['cell']}."
     return Picture(title, told, draw, (WIDE, 5.0))
@@ -210,11 +214,14 @@ def parallel_coordinates_picture(cells: CellColumns, columns: Sequence[str]) -> 
         legend_below(drawing, axes)
 
     axes_told = "; ".join(f"{scale.name} {scale.labels[0]} to {scale.labels[-1]}" for scale in scales)
+    well = int(good.sum())
     told = (
-        f"A line for each of {len(cells.rows)} cells through its values, the least below and the largest above: "
-        f"{axes_told}. {int(good.sum())} cells end well (blue, solid), {int((~good).sum())} do not (orange, dashed)."
+        f"A line for each of {counted(len(cells.rows), 'cell')} through its values, the least below and the "
+        f"largest above: "
+        f"{axes_told}. {counted(well, 'cell')} {'ends' if well == 1 else 'end'} well (blue, solid), {len(good) - well} "
+        f"{'does' if len(good) - well == 1 else 'do'} not (orange, dashed)."
     )
-    told += f" {len(shown)} of them are drawn." if len(shown) < len(good) else ""
+    told += f" {len(shown)} of them {'is' if len(shown) == 1 else 'are'} drawn." if len(shown) < len(good) else ""
     if cells.best is not None:
         told += f" The thick line is the best cell, {cells.rows[cells.best]['cell']}."
     return Picture("Cells through their values", told, draw, (WIDE, 4.6))

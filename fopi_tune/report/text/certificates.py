@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.proof.certificate import Verdict
 from fopi_tune.report.text.formatting import (
     BAD,
@@ -44,8 +45,8 @@ def recheck_text(found: Recheck) -> Text:
         return to_text(lines)
     proved = certificate.verdict is Verdict.PROVED
     said = (
-        f"What it says, that the requirements are {certificate.verdict.value}, is shown again by {found.boxes} boxes, "
-        f"each limit within a tolerance of {certificate.tolerance:g}."
+        f"What it says, that the requirements are {certificate.verdict.value}, is shown again by "
+        f"{counted(found.boxes, 'box', 'boxes')}, each limit within a tolerance of {certificate.tolerance:g}."
     )
     lines = wrapped(f"{certificate.name}: sound. {said}", style_of(proved))
     for note in found.notes:
@@ -92,7 +93,7 @@ def proof_lines(certificate: Certificate | None) -> Iterator[Line]:
     if certificate is None:
         return
     verdict = certificate.verdict
-    words = f"{verdict.value}: {certificate.boxes} boxes in ball arithmetic"
+    words = f"{verdict.value}: {counted(certificate.boxes, 'box', 'boxes')} in ball arithmetic"
     gaps = [proof.gap for proof in certificate.requirements if proof.gap is not None]
     if certificate.tolerance != _USUAL_TOLERANCE:
         words += f", each limit within a tolerance of {certificate.tolerance:g}"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.report.text.design import CHECKED, UNDECIDED, proved_sentence, requirement_lines, summary_lines
 from fopi_tune.report.text.formatting import (
@@ -62,7 +63,7 @@ def digital_text(result: Discretized) -> Text:
     ]
     lines += gains_lines(controller.gains)
     prewarped = ", prewarped" if digital.prewarp != "none" else ""
-    made = f"{digital.method}, {digital.poles} poles" + (
+    made = f"{digital.method}, {counted(digital.poles, 'pole')}" + (
         "" if digital.method == "fit" else f", {digital.rule}{prewarped}"
     )
     plural = "" if digital.delay_samples == 1.0 else "s"
@@ -125,7 +126,7 @@ def _accuracy(result: Discretized) -> Iterator[Line]:
     for name, errors in controller.errors_of_terms.items():
         yield from entry("", f"of the {name} alone: {_told(errors)}")
     cost = result.cost
-    operations = f"{cost.multiplications} multiplications, {cost.additions} additions"
+    operations = f"{counted(cost.multiplications, 'multiplication')}, {counted(cost.additions, 'addition')}"
     room = f"{cost.state_bytes_float64} bytes of state in double, {cost.state_bytes_float32} in float"
     yield from entry("a sample", f"takes {operations}; {room}")
 

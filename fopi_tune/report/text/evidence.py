@@ -116,7 +116,11 @@ def _sampling_lines(evidence: Evidence | SystemEvidence, what: str) -> Iterator[
     if evidence.outside:
         words += f", {evidence.outside} of them outside the family, where nothing is proved"
     if evidence.no_plants:
-        words += f"; {evidence.no_plants} more draws are no plants and are left out"
+        words += (
+            "; 1 more draw is no plant and is left out"
+            if evidence.no_plants == 1
+            else f"; {evidence.no_plants} more draws are no plants and are left out"
+        )
     yield from entry("drawn", words)
     for name, distribution in drawn.distributions.items():
         yield from entry("", f"{name}: {_distribution_phrase(distribution.words())}")

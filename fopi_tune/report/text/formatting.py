@@ -24,6 +24,8 @@ GOOD, BAD, QUIET = "bold green", "bold red", "dim"
 TIE = "\N{NO-BREAK SPACE}"
 _SIGNS = {Relation.EQUALS: "=", Relation.AT_LEAST: ">=", Relation.AT_MOST: "<="}
 
+#: names of gains, which are written as they are
+_NAMES = ("kp", "ki", "kd", "mu", "alpha")
 #: of a requirement or a loop whose margin does not exist
 NO_MARGIN = "no margin: unstable"
 #: a line and its style
@@ -224,6 +226,13 @@ def wrapped(sentence: str, style: str = "", indent: str = "", first: str = "") -
 def sentence(words: str) -> str:
     """The words with a full stop."""
     return words if words.endswith(".") else words + "."
+
+
+def next_sentence(words: str) -> str:
+    """The words with a full stop and, unless a name of the spec language begins them, a capital."""
+    first = words.split(" ", 1)[0]
+    is_name = "_" in first or first in _NAMES or not first.isalpha()
+    return sentence(words if is_name else words[:1].upper() + words[1:])
 
 
 def style_of(good: bool) -> str:

@@ -101,7 +101,10 @@ def _details(report: MeasureReport) -> Iterator[str]:
     if report.why_checked:
         yield f"not proved: {report.why_checked}"
     if drawn is not None and drawn.total and named:
-        yield f"{drawn.met} of {drawn.total} drawn plants meet it ({interval_phrase(drawn.low, drawn.high)})"
+        yield (
+            f"{drawn.met} of {drawn.total} drawn plants {'meets' if drawn.met == 1 else 'meet'} it "
+            f"({interval_phrase(drawn.low, drawn.high)})"
+        )
 
 
 def _multiplier(report: MeasureReport, objective: float | None) -> str:

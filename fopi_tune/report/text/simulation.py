@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.text.formatting import BAD, QUIET, Line, entry, gains_lines, number, style_of, to_text, wrapped
 from fopi_tune.spec.model import MEASURES, DesignSpec, Relation, SystemSpec
 
@@ -93,7 +94,7 @@ def _scenario_lines(driven: ScenarioResult, units: Mapping[str, str]) -> Iterato
         yield f"  {name:<{_NAME}}{shown:>{_VALUE}} {unit}{verdicts}", "red" if "VIOLATED" in verdicts else ""
     words = [f"{_WORDS[name]} of {step.phrase()}" for name, step in driven.worst_steps.items()]
     if words:
-        yield from wrapped(f"Worst of {len(driven.steps)} steps: {', '.join(words)}.", QUIET, indent="  ")
+        yield from wrapped(f"Worst of {counted(len(driven.steps), 'step')}: {', '.join(words)}.", QUIET, indent="  ")
     for note in driven.notes:
         yield from wrapped(note, "yellow", "    ", "  ! ")
 

@@ -114,8 +114,8 @@ def _table(table: StudyTable, file: str) -> list[str]:
     while len(fitting) > 1 and sum(c.width for c in fitting) + _GAP * (len(fitting) - 1) > _WIDTH:
         fitting = fitting[:-1]
     lines += ["", *_column_lines(fitting, shown)] if lines else _column_lines(fitting, shown)
-    missing = [f"{len(rows) - shown} more rows"] if shown < len(rows) else []
-    missing += [f"{len(columns) - len(fitting)} more columns"] if len(fitting) < len(columns) else []
+    missing = [counted(len(rows) - shown, "more row")] if shown < len(rows) else []
+    missing += [counted(len(columns) - len(fitting), "more column")] if len(fitting) < len(columns) else []
     return lines + (["", f"{' and '.join(missing)} in {file}"] if missing else [])
 
 

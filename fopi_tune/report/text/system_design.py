@@ -65,5 +65,8 @@ def _requirement(each: DrawnRequirement) -> Iterator[Line]:
     named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in each.plant.items())
     where = f"worst in {each.scenario}{f' with {named}' if named else ''}"
     drawn = each.drawn
-    counted = f"{drawn.met} of {drawn.total} drawn pairs meet it ({interval_phrase(drawn.low, drawn.high)})"
+    counted = (
+        f"{drawn.met} of {drawn.total} drawn pairs {'meets' if drawn.met == 1 else 'meet'} it "
+        f"({interval_phrase(drawn.low, drawn.high)})"
+    )
     yield from wrapped(f"{about_phrase(each.requirement)}; {where}; {counted}", QUIET, indent=" " * (FIRST_COLUMN + 2))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from fopi_tune.core.text_tables.words import counted
+
 if TYPE_CHECKING:
     from rich.text import Text
 
@@ -32,7 +34,7 @@ def system_digital_text(result: DiscretizedSystem) -> Text:
         rests = f"{raising} rests from {where(turns.coast_above)} on, {lowering} from {where(turns.coast_below)} on"
         lines += entry("coasting", rests)
     if dwell > 1:
-        lines += entry("dwell", f"at least {dwell} samples, {with_unit(dwell * spec.sample_time_s, 's')}")
+        lines += entry("dwell", f"at least {counted(dwell, 'sample')}, {with_unit(dwell * spec.sample_time_s, 's')}")
     for mode in spec.modes:
         if (fed := mode.feedforward) is not None:
             told = f"of the {mode.name}: {fed.static_gain:g} r + {fed.rate_gain:g} dr/dt, before the limits"

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from fopi_tune.core.controller import numbers_of
 from fopi_tune.core.terms.controller_spec import ControllerSpec
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.text.formatting import (
     BAD,
     QUIET,
@@ -33,7 +34,7 @@ def tradeoff_text(result: Tradeoff) -> Text:
     every = -(-len(result.points) // _MOST_ROWS)
     met, of = len(result.met), len(result.points)
     said = (
-        f"{met} of {of} limits of the sweep can be met; the check passed each."
+        f"{met} of {counted(of, 'limit')} of the sweep can be met; the check passed each."
         if solved
         else "The check refused some gains."
     )

@@ -49,6 +49,14 @@ def write_file(path: Path, content: str | bytes) -> None:
         raise
 
 
+def obstacle(path: Path, error: OSError) -> str:
+    """Why a file or folder cannot be written: what stands in its way, else the operating system's reason."""
+    file = next((each for each in (*reversed(path.parents), path) if each.exists() and not each.is_dir()), None)
+    if file is not None and isinstance(error, NotADirectoryError | FileExistsError):
+        return f"{file} is a file, not a folder"
+    return f"{path} is a folder" if isinstance(error, IsADirectoryError) else error.strerror or str(error)
+
+
 def folder_of(given: object) -> Path:
     """The folder of results that somebody gives.
 

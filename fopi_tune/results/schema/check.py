@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.spec.yaml.problems import item_path, key_path, quoted
 
 _TYPES: Mapping[str, tuple[type, ...]] = {
@@ -51,7 +52,7 @@ def _problems(value: Any, schema: Mapping[str, Any], place: str, known: Mapping[
         yield from _problems_inside(value, schema, place, known)
     elif isinstance(value, list) and "items" in schema:
         if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
-            yield f"{at} must have {schema['minItems']} entries"
+            yield f"{at} must have {counted(schema['minItems'], 'entry', 'entries')}"
         for index, each in enumerate(value):
             yield from _problems(each, schema["items"], item_path(place, index), known)
 

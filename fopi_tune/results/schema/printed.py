@@ -176,6 +176,18 @@ class FailedCell(TypedDict):
     reason: str
 
 
+class DamagedCell(TypedDict):
+    """A cell whose result was damaged on the disk: it counts as not run, and is run again.
+
+    Args:
+        cell: its number, from 1.
+        label: what it is about.
+    """
+
+    cell: int
+    label: str
+
+
 class StudyStatusDocument(TypedDict):
     """How far a study is.
 
@@ -185,6 +197,7 @@ class StudyStatusDocument(TypedDict):
         cells: how many.
         cell_seconds: that all cells took, s.
         failures: cells without an answer.
+        damaged: cells whose results were damaged.
     """
 
     schema: Literal[1]
@@ -192,6 +205,7 @@ class StudyStatusDocument(TypedDict):
     cells: CellCounts
     cell_seconds: float
     failures: list[FailedCell]
+    damaged: list[DamagedCell]
 
 
 class StudyProgressEvent(TypedDict):

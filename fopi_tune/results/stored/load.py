@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.controller import FoPi, controller_of
 from fopi_tune.errors import DomainError, SpecError
@@ -52,7 +52,9 @@ _AGAIN = "make the result again, or move the file away"
 
 @dataclass(frozen=True, repr=False)
 class Stored(Shown):
-    """A result that was read from its files.
+    """A result that was read from its files: its JSON, and the certificate beside it.
+
+    The objects of the stages, such as `verification` or the candidate, are not written; `ft.prove` makes them again.
 
     Args:
         kind: a word of `fopi schema --result`.
@@ -65,6 +67,17 @@ class Stored(Shown):
     document: Mapping[str, Any]
     beside: Mapping[str, Mapping[str, Any]]
     file: str
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_"):
+                raise AttributeError(name)
+            keys = ", ".join(self.__dict__.get("document", ()))
+            raise AttributeError(
+                f"a result that was read has no {name!r}: its numbers are in document ({keys}); objects that are not "
+                "written, such as a verification, are made again by ft.prove(result.spec, result.gains)"
+            )
 
     @property
     def status(self) -> str:
@@ -118,6 +131,10 @@ class StoredLoop(Stored, LoopCurves):
 
 def load(folder: str | os.PathLike[str], kind: str | None = None, spec: Source | None = None) -> Stored:
     """Read a result from the folder that `save` or the command line wrote it to.
+
+    What is there again: `document` and `to_dict()`, `status`, `rows()`, `to_pandas()`, `certificate`, and with the spec
+    `spec`, `gains`, `controller` and the loop's curves.  The objects of the stages, such as `verification`, are not
+    written: `ft.prove(result.spec, result.gains)` computes them again.
 
     Args:
         folder: of the results.

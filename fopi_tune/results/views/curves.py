@@ -101,7 +101,10 @@ class LoopCurves:
             middle = nominal_crossover(spec, gains) or 1.0
             highest = min(middle * _REACH, 0.999 * loops.highest_rad_s)
             omega_rad_s = np.geomspace(min(middle / _REACH, 1e-3 * highest), highest, _POINTS)
-        omega = np.asarray(omega_rad_s, dtype=float)
+        try:
+            omega = np.asarray(omega_rad_s, dtype=float)
+        except (TypeError, ValueError):
+            raise DomainError(f"omega_rad_s = {omega_rad_s!r:.100} is no row of frequencies; give one, rad/s") from None
         if omega.ndim != 1 or not np.all((omega > 0.0) & (omega < loops.highest_rad_s)):
             raise DomainError(f"frequencies must lie between 0 and {loops.highest_rad_s:g} rad/s, in one row")
         rows = np.repeat(np.arange(len(plants)), len(omega))

@@ -10,8 +10,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
-from fopi_tune.results.saved.writing import folder_of, write_file
+from fopi_tune.results.saved.writing import folder_of, obstacle, write_file
 from fopi_tune.results.views.tables import Row, html_table, rows_of
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class Saved(ABC):
             try:
                 write_file(path / name, content)
             except OSError as error:
-                reason = error.strerror or str(error)
+                reason = obstacle(path / name, error)
                 raise DomainError(f"cannot write {path / name} ({reason}); give another folder") from None
         return path
 
@@ -100,7 +101,7 @@ def summary_lines(kind: str, document: Mapping[str, Any]) -> list[str]:
     """
     lines = [f"{kind} of {document['name']}: {document['status']}", *_told(document)]
     if len(lines) > _MOST_LINES:
-        lines = [*lines[: _MOST_LINES - 1], f"… and {len(lines) - _MOST_LINES + 1} lines more"]
+        lines = [*lines[: _MOST_LINES - 1], f"… and {counted(len(lines) - _MOST_LINES + 1, 'more line')}"]
     return [line if len(line) <= _WIDTH else line[: _WIDTH - 1] + "…" for line in lines]
 
 
@@ -121,14 +122,18 @@ def _told(document: Mapping[str, Any]) -> Iterator[str]:
         # rounded outwards: an interval never says more than was counted
         ends = math.floor(1e4 * joint["low"]) / 100.0, math.ceil(1e4 * joint["high"]) / 100.0
         shares = f"{ends[0]:g} .. {ends[1]:g} %"
-        yield f"  {joint['met']} of {joint['total']} plants meet everything at once ({shares})"
+        yield (
+            f"  {joint['met']} of {counted(joint['total'], 'plant')} "
+            f"{'meets' if joint['met'] == 1 else 'meet'} everything at once ({shares})"
+        )
         rows = [row for row in rows if row["met"] < row["total"]][1:]
         yield from (f"  {_of(row)}: {row['met']} of {row['total']}" for row in rows)
     elif rows:
         missed = [
             row for row in rows if row.get("verdict") in ("violated", "open", "undecided") or row.get("met") is False
         ]
-        yield f"  {len(rows) - len(missed)} of {len(rows)} requirements and limits are met"
+        met = len(rows) - len(missed)
+        yield f"  {met} of {len(rows)} requirements and limits {'is' if met == 1 else 'are'} met"
         yield from (f"  {row.get('verdict', 'violated')}: {_of(row)}" for row in missed)
     for words in (document.get("message"), *document.get("notes", ())):
         if words:

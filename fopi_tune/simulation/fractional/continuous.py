@@ -133,11 +133,11 @@ def refuse_samples_only(scenario: ScenarioSpec, limits_rate: bool) -> None:
         DomainError: there is one of them; only a sampled loop simulates it.
     """
     if limits_rate:
-        raise DomainError("output_rate_per_s belongs to the loop on samples; leave it or --exact out")
+        raise DomainError("output_rate_per_s belongs to the loop on samples; leave it or `exact=True` out")
     for key, none in (("noise_std", 0.0), ("quantum", 0.0), ("rate_per_s", math.inf)):
         if getattr(scenario, key) != none:
             raise DomainError(
-                f"scenario {scenario.name}: {key} belongs to the loop on samples; leave it or --exact out"
+                f"scenario {scenario.name}: {key} belongs to the loop on samples; leave it or `exact=True` out"
             )
 
 

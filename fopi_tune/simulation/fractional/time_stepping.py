@@ -31,6 +31,7 @@ from scipy.special import gamma
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.plant import Plant
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.fractional.quadrature import (
     StateSpace,
@@ -184,7 +185,7 @@ class _Simulation:
             raise DomainError("1 + kp P(inf) <= 0 without dead time: the loop has no answer to a jump; change kp")
         state = np.zeros(len(model.a)) if start.state is None else np.asarray(start.state, dtype=float)
         if state.shape != (len(model.a),) or not np.all(np.isfinite(state)):
-            raise DomainError(f"start.state has shape {state.shape}; the plant has {len(model.a)} states")
+            raise DomainError(f"start.state has shape {state.shape}; the plant has {counted(len(model.a), 'state')}")
         self.x = state
         left, right = integral_weights(gains.alpha, step, steps)
         # reversed, so that the sum over the history is a dot product with a slice

@@ -91,22 +91,27 @@ def refuse_what_is_sampled(system: SystemSpec, scenario: ScenarioSpec) -> None:
         DomainError: there is such a thing.
     """
     if system.own_delays:
-        raise DomainError("delay_samples that differ are simulated on samples; make them equal, or leave --exact out")
+        raise DomainError(
+            "delay_samples that differ are simulated on samples; make them equal, or leave `exact=True` out"
+        )
     for mode in system.modes:
         order = len(mode.spec.plant.assemble({})[1]) - 1
         if mode.spec.plant.dead_time.max > 0.0:
             raise DomainError(
-                f"{mode.name}: the dead time of its plant is simulated on samples; leave --exact out, or write whole "
+                f"{mode.name}: the dead time of its plant is simulated on samples; leave `exact=True` out, or "
+                f"write whole "
                 "samples of it as delay_samples"
             )
         if order != 1:
-            raise DomainError(f"{mode.name}: its plant of order {order} is simulated on samples; leave --exact out")
+            raise DomainError(
+                f"{mode.name}: its plant of order {order} is simulated on samples; leave `exact=True` out"
+            )
         if mode.feedforward is not None and mode.feedforward.rate_gain and _has_step(scenario):
             limits = mode.spec.digital.output_limits if mode.spec.digital is not None else None
             if limits is None:
                 raise DomainError(
                     f"{mode.name}: the rate_gain of its feedforward makes an impulse of a step of the setpoint; write "
-                    "output_limits, which cut it, or a ramp_s, or leave --exact out"
+                    "output_limits, which cut it, or a ramp_s, or leave `exact=True` out"
                 )
 
 

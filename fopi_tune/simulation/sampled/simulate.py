@@ -16,6 +16,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.simulation.sampled.coefficients import (
     controller_coefficients,
@@ -107,7 +108,9 @@ def measure_chunks(
     if chunk < 1 or workers < 1:
         raise DomainError(f"chunk {chunk!r} and threads {workers!r} must be at least 1")
     if horizon.first >= len(scenario.signals):
-        raise DomainError(f"the horizon starts at sample {horizon.first}; there are {len(scenario.signals)}")
+        raise DomainError(
+            f"the horizon starts at sample {horizon.first}; the scenario has {counted(len(scenario.signals), 'sample')}"
+        )
     return _chunks(modes, scenario, horizon, range(first, first + total, chunk), first + total, workers)
 
 
@@ -135,7 +138,7 @@ def _chunks(
 def _count(modes: Sequence[Mode], scenario: Scenario, count: int | None) -> int:
     """Number of plants, after checking that modes and scenario fit together."""
     if len(modes) != (1 if scenario.hybrid is None else 2):
-        raise DomainError(f"{len(modes)} modes: one without `hybrid`, two with it")
+        raise DomainError(f"{counted(len(modes), 'mode')}: one without `hybrid`, two with it")
     if scenario.hybrid is not None and not all(mode.controller.acts_on_error for mode in modes):
         raise DomainError(
             "two controllers that take turns have no derivative and setpoint_weight: 1, and no measurement_filter"

@@ -15,6 +15,7 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.plant import Uncertain
 from fopi_tune.core.terms.numbers import plain_number, plain_numbers
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 
 #: an exact number, or a range
@@ -101,7 +102,7 @@ def _range(name: str, before: Any, ends: Range) -> Uncertain:
         raise DomainError(f"{name} is a list; name one of its numbers, such as {name}[0]")
     given = plain_numbers(name, ends)
     if len(given) not in (2, 3):
-        raise DomainError(f"{name} has {len(given)} ends; give (min, max), or (min, nominal, max)")
+        raise DomainError(f"{name} has {counted(len(given), 'end')}; give (min, max), or (min, nominal, max)")
     middle = float(given[1] if len(given) == 3 else plain_number(name, nominal))
     low, high = float(given[0]), float(given[-1])
     if not low <= middle <= high:

@@ -6,6 +6,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Callable
+from decimal import Decimal
 
 from fopi_tune.spec.yaml.problems import quoted
 
@@ -13,7 +14,6 @@ MAX_LENGTH = 100
 #: numbers beyond these are no quantity of an engineer's, and their powers and products no floating-point numbers
 SMALLEST, LARGEST = 1e-100, 1e100
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-_INTEGER = re.compile(r"[+-]?[0-9]+")
 _LEADING_ZERO = re.compile(r"[+-]?0[0-9]")
 _BOOLEANS = frozenset({"true", "false", "yes", "no", "on", "off", "y", "n"})
 _NOT_FINITE = frozenset({"nan", "inf", "infinity"})
@@ -28,6 +28,10 @@ _NOT_TEXT = re.compile(
     r"~|null|Null|NULL|true|True|TRUE|false|False|FALSE|[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+"
     r"|[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)|"
 )
+
+
+#: the words of a number that is not whole, before what to write
+NOT_WHOLE = "is not a whole number"
 
 
 class NotANumberError(ValueError):
@@ -70,13 +74,13 @@ def parse_integer(text: str) -> int:
     Raises:
         NotANumberError: not a number, or not whole.
     """
-    value = parse_number(text)
-    if _INTEGER.fullmatch(text):
-        return int(text)
-    # above 2^53 a float no longer has the digits that were written
-    if not value.is_integer() or abs(value) > 2**53:
-        raise NotANumberError(f"{text} is not a whole number; write digits only, such as 10000")
-    return int(value)
+    parse_number(text)
+    # exact: a float has not the digits of a large number
+    exact = Decimal(text)
+    below = math.floor(exact)
+    if below != exact:
+        raise NotANumberError(f"{text} {NOT_WHOLE}; write one, such as {below} or {below + 1}")
+    return int(exact)
 
 
 def is_number(text: str) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.spec.yaml.hints import unknown_word_message
 from fopi_tune.spec.yaml.nodes import MappingNode, Place, ScalarNode, SequenceNode, kind_of, scalar_of
 from fopi_tune.spec.yaml.problems import quoted
@@ -195,7 +196,7 @@ class ListOf(Shape):
             return None
         count = len(place.node.nodes)
         if count < self.least or (self.most is not None and count > self.most):
-            place.refuse(f"the list has {count} entries; write {self._expected_length()}")
+            place.refuse(f"the list has {counted(count, 'entry', 'entries')}; write {self._expected_length()}")
             return None
         return [self.shape.read(place.item(index)) for index in range(count)]
 
@@ -205,9 +206,9 @@ class ListOf(Shape):
 
     def _expected_length(self) -> str:
         if self.least == self.most:
-            return f"a list of {self.least} entries"
+            return f"a list of {counted(self.least, 'entry', 'entries')}"
         if self.least == 0:
-            return "a list" if self.most is None else f"a list of at most {self.most} entries"
+            return "a list" if self.most is None else f"a list of at most {counted(self.most, 'entry', 'entries')}"
         if self.most is None:
             return f"a list of at least {self.least}"
         return f"a list of {self.least} to {self.most} entries"

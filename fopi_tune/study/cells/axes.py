@@ -26,6 +26,8 @@ EXPRESSION_SIGN = "="
 #: most values of one range; they are made before the cells are counted
 _MOST_STEPS = 100_000
 _RANGE_EXAMPLE = "{from: 1, to: 10, steps: 4}"
+_IF_WHOLE_DRAWN = "drawn from a range; write whole numbers as a list, of which each is as likely: [10, 20, 50]"
+_IF_WHOLE_IN_STEPS = "a step of a range; write steps with which every number is whole, or a list: [10, 20, 50]"
 _RANGE_KEYS = ("from", "to", "steps", "scale")
 
 
@@ -34,6 +36,17 @@ class Scale(StrEnum):
 
     LINEAR = "linear"
     LOG = "log"
+
+
+@dataclass(frozen=True)
+class MadeNumber(ScalarNode):
+    """A number that the study makes: drawn, in steps, or by an expression.
+
+    Args:
+        if_whole: what it is, and what to write where a whole number is needed and it is none.
+    """
+
+    if_whole: str = ""
 
 
 @dataclass(frozen=True)
@@ -68,7 +81,7 @@ class Axis:
         """The override at u in (0, 1)."""
         if self.span is None:
             return self.override(min(int(u * len(self.nodes)), len(self.nodes) - 1))
-        return Override(self.path, self.mark, number_node(self.span.at(u), self.mark))
+        return Override(self.path, self.mark, number_node(self.span.at(u), self.mark, _IF_WHOLE_DRAWN))
 
 
 @dataclass(frozen=True)
@@ -168,9 +181,10 @@ def ends_fit_scale(values: Values, place: Place) -> bool:
     return False
 
 
-def number_node(value: float, mark: Mark, whole: bool = False) -> ScalarNode:
+def number_node(value: float, mark: Mark, if_whole: str, whole: bool = False) -> MadeNumber:
     """A number as it would be written in a file; a whole one without decimal point where `whole` says so."""
-    return ScalarNode(mark, repr(int(value)) if whole else repr(float(value)), plain=True)
+    text = repr(int(value)) if whole else repr(float(value))
+    return MadeNumber(mark, text, plain=True, if_whole=if_whole)
 
 
 def _range_in_steps() -> Record:
@@ -192,4 +206,4 @@ def _values_in_steps(values: Values, place: Place) -> tuple[Node, ...] | None:
     written = (place.child(key).node for key in ("from", "to"))
     whole = all(isinstance(node, ScalarNode) and node.text.lstrip("+-").isdigit() for node in written)
     whole = whole and bool(np.all(found == np.rint(found)))
-    return tuple(number_node(value, place.mark, whole) for value in found)
+    return tuple(number_node(value, place.mark, _IF_WHOLE_IN_STEPS, whole) for value in found)

@@ -11,8 +11,10 @@ from fopi_tune.spec.model import DesignSpec, SystemSpec
 from fopi_tune.spec.yaml.hints import UNKNOWN_KEY, closest
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from fopi_tune.spec.yaml.problems import Mark
+from fopi_tune.spec.yaml.scalars import NOT_WHOLE
+from fopi_tune.study.cells.axes import MadeNumber
 from fopi_tune.study.cells.bases import BaseSpec, Spec
-from fopi_tune.study.cells.expressions import with_values
+from fopi_tune.study.cells.expressions import node_at, with_values
 from fopi_tune.study.cells.systems import IN_MODE_SPEC, UNREAD, ModeSpecError
 from fopi_tune.study.model import Cell, Stage
 from fopi_tune.study.overrides import NoSuchPathError, Override, apply_override, parse_path
@@ -127,6 +129,7 @@ class CellChecker:
         if inside:
             # the position is in the study file, inside the override's value, unless this names a file
             whole = isinstance(inside[0].node, ScalarNode) and inside[0].path != problem.path
+            words = _told_of_made(inside[0], problem) or words
             mark = inside[0].node.mark if whole else Mark(problem.line, problem.column)
             self.report_override(inside[0], words, mark)
         elif not overrides or problem in self.base.read_tree(self.base.tree)[1]:
@@ -154,6 +157,15 @@ class CellChecker:
     def report_override(self, override: Override, message: str, mark: Mark | None = None) -> None:
         """Report a problem that an override causes."""
         self.problems.add(self.problems.file, mark or override.mark, override.path, message, self.cell)
+
+
+def _told_of_made(override: Override, problem: Problem) -> str:
+    """Of a number that the study makes and that is not whole, what makes it and what to write; empty for others."""
+    inner = (parse_path(problem.path) or ())[len(parse_path(override.path) or ()) :]
+    node = node_at(override.node, inner)
+    if NOT_WHOLE not in problem.message or not isinstance(node, MadeNumber):
+        return ""
+    return f"{problem.path}: {node.text} {NOT_WHOLE}, which is needed here; it is {node.if_whole}"
 
 
 def _refuse_unread(override: Override) -> None:

@@ -29,12 +29,13 @@ from fopi_tune.spec.yaml.hints import closest
 from fopi_tune.spec.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode, kind_of
 from fopi_tune.spec.yaml.problems import Mark
 from fopi_tune.spec.yaml.scalars import LARGEST, SMALLEST, is_number
-from fopi_tune.study.cells.axes import CHECK, EXPRESSION_SIGN
+from fopi_tune.study.cells.axes import CHECK, EXPRESSION_SIGN, MadeNumber
 from fopi_tune.study.overrides import PATH_PATTERN, Override, Path, format_path, parse_path
 
 _PATHS = Names(PATH_PATTERN, "a path", "paths such as plant.time_constant_s.max")
 #: of a number that is written in place of a range
 _OF_A_RANGE = ("min", "nominal", "max")
+_IF_WHOLE = "the value of {!r}; write an expression whose value is whole in each cell, or whole numbers as a list"
 #: bits of a power that is computed exactly
 _MOST_BITS = 4096
 #: whole numbers that a float tells apart
@@ -73,7 +74,7 @@ def with_values(
         for inner, node in _expressions_in(each.node, ())
     }
     # a later override may have replaced an earlier one's value
-    pending = {path: node for path, node in pending.items() if _at(tree, path) is node}
+    pending = {path: node for path, node in pending.items() if node_at(tree, path) is node}
     if not pending:
         return tree, list(overrides), []
     values = _Values(tree, design, pending)
@@ -107,7 +108,8 @@ def _with_nodes(node: Node, path: Path, nodes: dict[Path, Node]) -> Node:
     return node
 
 
-def _at(tree: Node, path: Path) -> Node | None:
+def node_at(tree: Node, path: Path) -> Node | None:
+    """The node at a path of a tree; None where there is none."""
     for step in path:
         if isinstance(tree, MappingNode) and step in tree.entries:
             tree = tree.entries[str(step)][1]
@@ -139,7 +141,8 @@ class _Values:
             self.problems.setdefault(parse_path(problem.path) or (), problem)
             return node
         whole = value.denominator == 1 and abs(value) <= _MOST_WHOLE
-        return ScalarNode(node.mark, str(value.numerator) if whole else repr(float(value)), plain=True)
+        text = str(value.numerator) if whole else repr(float(value))
+        return MadeNumber(node.mark, text, plain=True, if_whole=_IF_WHOLE.format(node.text))
 
     def _value_of(self, path: Path) -> Fraction:
         if path in self.found:
@@ -191,8 +194,8 @@ class _Values:
 
 def _number_at(tree: Node, path: Path, name: Name) -> Fraction:
     """The number at a path."""
-    node = _at(tree, path)
-    outer = _at(tree, path[:-1])
+    node = node_at(tree, path)
+    outer = node_at(tree, path[:-1])
     if node is None and path[-1] in _OF_A_RANGE and isinstance(outer, ScalarNode):
         node = outer
     if node is None:
@@ -204,8 +207,8 @@ def _number_at(tree: Node, path: Path, name: Name) -> Fraction:
 
 def _about_missing(tree: Node, path: Path) -> str:
     """Which step of a path the spec has not, and what it may mean."""
-    depth = next(depth for depth in range(len(path)) if _at(tree, path[: depth + 1]) is None)
-    where, last = _at(tree, path[:depth]), path[depth]
+    depth = next(depth for depth in range(len(path)) if node_at(tree, path[: depth + 1]) is None)
+    where, last = node_at(tree, path[:depth]), path[depth]
     meant = closest(str(last), where.entries) if isinstance(where, MappingNode) else None
     hint = f"did you mean {meant!r}?" if meant else "an expression knows what is written there, and no defaults"
     return f"{format_path(path[: depth + 1])} is not in the spec; {hint}"

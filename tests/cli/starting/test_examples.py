@@ -95,6 +95,14 @@ def test_a_file_that_differs_is_not_overwritten_without_force(folder: Path) -> N
     assert mine.read_bytes() == (ROOT / "specs" / "brake.yaml").read_bytes()
 
 
+def test_a_file_in_the_place_of_a_folder_is_named(folder: Path) -> None:
+    (folder / "specs").write_text("mine", encoding="utf-8")
+    refused = fopi("init", "--example", "brake")
+    assert refused.exit_code == 2
+    assert refused.stderr == ("cannot write specs/brake.yaml (specs is a file, not a folder); go to another folder\n")
+    assert (folder / "specs").read_text(encoding="utf-8") == "mine"
+
+
 @pytest.mark.parametrize("more", [["x"], ["--plant", "lag"], ["--from-tf", "1/s"], ["--out", "x.yaml"], ["--list"]])
 def test_an_example_takes_no_other_options(more: list[str], folder: Path) -> None:
     result = fopi("init", "--example", "brake", *more)

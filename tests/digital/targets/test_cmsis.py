@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from cases.targets import exported
 
-from fopi_tune.digital.realise import Form, Precision, run_parallel
+from fopi_tune.digital.realise import Form, Precision, run_parallel, run_second_order
 from fopi_tune.digital.targets import Target, export_target
 from fopi_tune.errors import DomainError
 
 
-def header() -> str:
-    text = export_target(exported("fopi"), Target.CMSIS)["Brake-1.2_cmsis.h"]
+def header(structure: str = "fopi") -> str:
+    text = export_target(exported(structure), Target.CMSIS)["Brake-1.2_cmsis.h"]
     assert isinstance(text, str)
     return text
 
@@ -55,3 +55,24 @@ def test_a_weight_or_a_measurement_filter_is_refused() -> None:
     for structure in ("all", "weighted"):
         with pytest.raises(DomainError, match="a filter of r - y alone"):
             export_target(exported(structure), Target.CMSIS)
+
+
+def test_a_derivative_of_the_setpoint_is_told() -> None:
+    assert "The derivative acts on r - y here" in header("derivative_alone")
+    assert "derivative" not in header()
+
+
+@pytest.mark.parametrize("structure", ["fopi", "least_order", "negative", "tiny", "huge", "derivative_alone"])
+def test_the_stated_error_is_that_of_the_input_that_is_named(structure: str) -> None:
+    # the input of the header's words, drawn again: the error of another draw is of the same size
+    inputs = 0.3 + np.random.default_rng(1).normal(size=2000)
+    controller = exported(structure).controller
+    reference = run_parallel(controller.sections, inputs, Precision.FLOAT64)
+    for made in controller.realisations:
+        if made.form is Form.CMSIS:
+            table = np.array(made.coefficients)
+            rows = np.column_stack([table[:, :3], np.ones(len(table)), -table[:, 3:]])
+            outputs = run_second_order(rows, inputs, made.precision)
+            found = np.abs(outputs - reference).max() / np.abs(reference).max()
+            assert found < 5.0 * made.error + 1e-15
+    assert "2000 samples of a\n   step of 0.3 with noise of standard deviation 1" in header(structure)

@@ -94,7 +94,7 @@ def test_the_description_says_units_constants_and_texts_as_they_are() -> None:
 
 
 @needs_compiler
-@structures("all", "fopi")
+@structures("all", "fopi", "negative_pid")
 def test_the_vectors_are_met_bit_for_bit(structure: str, tmp_path: Path) -> None:
     rows, last = rows_of(structure), 0
     with running(compiled(structure, tmp_path)) as fmu:

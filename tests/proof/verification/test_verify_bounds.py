@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from cases.project import CONTINUOUS, ROOT
+from typer.testing import CliRunner
 
+import fopi_tune as ft
+from fopi_tune.cli import app
 from fopi_tune.core.controller import FoPi
-from fopi_tune.errors import DomainError
+from fopi_tune.errors import DomainError, UnstableLoopError
 from fopi_tune.proof import verify
 from fopi_tune.proof.verification.stability import MOST_TURNS
 from fopi_tune.spec import load_spec, parse_spec
@@ -40,8 +45,43 @@ def test_a_loop_is_refused_from_a_stated_number_of_turns_on(share: float, refuse
         assert poles is not None
         assert poles == pytest.approx(2.0 * share * MOST_TURNS, abs=3)
         return
-    with pytest.raises(DomainError, match=r"turns 1,020 times .* at most 1,000 turns.* smaller gains"):
+    with pytest.raises(UnstableLoopError, match=r"turns 1,020 times .* at most 1,000 turns.* smaller gains") as raised:
         verify(lag_spec(), gains)
+    poles = re.search(r"leaves ([0-9,]+) closed-loop poles in the right half-plane", str(raised.value))
+    assert poles is not None
+    assert int(poles[1].replace(",", "")) == pytest.approx(2.0 * share * MOST_TURNS, abs=3)
+
+
+def direct_spec(kp: float) -> DesignSpec:
+    """A fractional plant with a direct path of 0.99 around a dead time."""
+    plant = (
+        "{model: fractional, numerator: [{coefficient: 0.99, order: 1.7}, {coefficient: 2, order: 0}], "
+        "denominator: [{coefficient: 1.0, order: 1.7}, {coefficient: 1, order: 0}], dead_time_s: 0.5}"
+    )
+    head = f"schema: 1\nname: t\nplant: {plant}\ncontroller: {{kp: {kp}, ki: 0.4, alpha: 0.3}}\n"
+    return parse_spec(f"{head}requirements: [{{sensitivity_db: {{at_most: 6}}}}]\n")
+
+
+@pytest.mark.parametrize(
+    ("kp", "why"),
+    [(1.0, "closed-loop poles in the right half-plane"), (1.5, "infinitely many unstable poles"), (0.01, "pole")],
+)
+def test_a_direct_path_around_a_dead_time_is_unstable_and_no_mistake_of_the_spec(
+    tmp_path: Path, kp: float, why: str
+) -> None:
+    spec = direct_spec(kp)
+    design = ft.tune(spec)
+    path = tmp_path / "t.yaml"
+    path.write_bytes(spec.source)
+    done = CliRunner().invoke(app, ["prove", str(path), "--out", str(tmp_path / "out"), "-q"])
+    if kp < 0.1:
+        assert (design.status.value, done.exit_code) == ("solved", 0)
+        return
+    assert design.status.value == "infeasible"
+    assert "these gains leave an unstable loop" in design.message
+    assert why in design.message
+    assert done.exit_code == 1
+    assert why in " ".join((done.stderr + done.stdout).split())
 
 
 def test_huge_gains_on_a_family_are_refused_with_the_plant_that_turns_most() -> None:

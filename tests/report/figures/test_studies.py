@@ -100,7 +100,7 @@ def test_lines_go_through_the_values_of_their_cells() -> None:
     assert picture is not None
     assert picture.description == (
         "A line for each of 4 cells through its values, the least below and the largest above: a 1 to 3; w p to r; z "
-        "10 to 20. 3 cells end well (blue, solid), 1 do not (orange, dashed). The thick line is the best cell, 1."
+        "10 to 20. 3 cells end well (blue, solid), 1 does not (orange, dashed). The thick line is the best cell, 1."
     )
 
 

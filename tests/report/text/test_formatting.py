@@ -17,6 +17,7 @@ from fopi_tune.report.text.formatting import (
     gains_lines,
     margins_phrase,
     missed_digits,
+    next_sentence,
 )
 from fopi_tune.results.documents import margins_dict
 
@@ -135,3 +136,17 @@ def test_a_value_that_misses_a_limit_has_the_digits_that_tell_them_apart() -> No
     assert missed_digits(14.6040615, (60.0,)) == 5
     assert missed_digits(59.99999, (60.0,)) == 7
     assert missed_digits(60.0 - 1e-12, (60.0,)) == 9
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("there are no gains", "There are no gains."),
+        ("All is proved.", "All is proved."),
+        ("kp cannot be larger", "kp cannot be larger."),
+        ("phase_margin_deg is undecided", "phase_margin_deg is undecided."),
+        ("|S| is small", "|S| is small."),
+    ],
+)
+def test_a_sentence_that_follows_another_has_a_capital_unless_a_name_begins_it(words: str, told: str) -> None:
+    assert next_sentence(words) == told

@@ -96,6 +96,19 @@ def test_a_loaded_design_has_its_spec_its_gains_its_proof_and_its_curves(tmp_pat
     assert again.step().output.tolist() == design.step().output.tolist()
 
 
+def test_what_is_not_written_is_told_with_how_to_make_it_again(tmp_path: Path) -> None:
+    check = ft.prove(BRAKE, GAINS)
+    again: Any = ft.load(check.save(tmp_path))
+    with pytest.raises(
+        AttributeError, match=r"has no 'verification': .* document \(.*requirements.*\); .* ft\.prove\("
+    ):
+        _ = again.verification
+    made = ft.prove(again.spec, again.gains).verification
+    assert made == check.verification
+    assert pickle.loads(pickle.dumps(again)).to_dict() == again.to_dict()
+    assert not hasattr(again, "__wrapped__")
+
+
 def test_a_result_without_its_spec_takes_it_and_no_other(tmp_path: Path) -> None:
     ft.simulate(BRAKE, GAINS).save(tmp_path)
     assert not isinstance(ft.load(tmp_path), ft.StoredLoop)

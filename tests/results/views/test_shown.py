@@ -97,5 +97,5 @@ def test_a_long_story_is_cut() -> None:
     document = {"name": "x" * 90, "status": "violated", "notes": [f"note {i}" for i in range(20)]}
     lines = summary_lines("Check", document)
     assert len(lines) == 10
-    assert lines[-1] == "… and 12 lines more"
+    assert lines[-1] == "… and 12 more lines"
     assert max(map(len, lines)) == 78

@@ -674,7 +674,7 @@ def scenario_of(**changes: object) -> Scenario:
     ("modes", "scenario", "words"),
     [
         ([], scenario_of(), "0 modes"),
-        ([Mode(THROTTLE, ONE)], scenario_of(hybrid=Hybrid(0.1)), "1 modes"),
+        ([Mode(THROTTLE, ONE)], scenario_of(hybrid=Hybrid(0.1)), "1 mode:"),
         ([Mode(THROTTLE, ONE), Mode(BRAKE, brake_plants(2))], scenario_of(hybrid=Hybrid(0.1)), "plants"),
         ([Mode(THROTTLE, lambda begin, end: ONE)], scenario_of(), "count"),
         ([Mode(THROTTLE, random_plants(2, 1, 0))], scenario_of(start=Start(1.0, InitialInput.FREE)), "order 1"),

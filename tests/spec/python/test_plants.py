@@ -55,5 +55,5 @@ def test_whole_coefficients_of_numpy_become_ranges() -> None:
 def test_ends_that_are_no_range_are_refused() -> None:
     with pytest.raises(ft.DomainError, match="time_constant_s = 3 is not a list of numbers"):
         ft.Lag(1.0, 2.0).uncertain(time_constant_s=3)  # pyright: ignore[reportArgumentType]
-    with pytest.raises(ft.DomainError, match="time_constant_s has 1 ends"):
+    with pytest.raises(ft.DomainError, match="time_constant_s has 1 end"):
         ft.Lag(1.0, 2.0).uncertain(time_constant_s=(3,))  # pyright: ignore[reportArgumentType]

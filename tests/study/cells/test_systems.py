@@ -165,7 +165,7 @@ def test_specs_and_systems_are_cells_of_one_study() -> None:
          "validation of a mode's spec; give values to validation itself"),
         ("stages: [simulate]\ngrid: {check.system.fan.gains.kp: [2]}", "s.yaml:5:8: grid.check.system.fan.gains.kp: "
          "the gains that are checked are those of the design; give values to system.fan.gains itself"),
-        ("stages: [simulate]\ngrid: {'scenarios[3].duration_s': [2]}", "scenarios has 1 entries in the spec"),
+        ("stages: [simulate]\ngrid: {'scenarios[3].duration_s': [2]}", "scenarios has 1 entry in the spec"),
         ("stages: [simulate]\ngrid: {system.fan.spec.digital.sample_time_s: [0.7]}", "s.yaml:5:8: system.fan.spec."
          "digital.sample_time_s: cell 1"),
         ("stages: [fly]", "s.yaml:4:10: stages[0]: 'fly' is not known here"),
