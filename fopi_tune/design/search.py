@@ -65,8 +65,6 @@ _ONLY_WITHOUT_INTEGRAL = (
 _MOST_CROSSOVERS = 8
 #: of the largest gain: a derivative with which a search goes on from gains without one
 _FIRST_DERIVATIVE = 0.05
-#: of the size of each gain: those that are this much apart are polished on their own
-_FAR = 0.23
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 
@@ -116,22 +114,13 @@ def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None
         before = best.cost
         _log.debug("bracket: gap %.3g, %d starts in what is left", bracket.gap, len(bracket.starts))
         for start in bracket.starts:
-            if _is_far(polish.problem, start.gains, best.x):
-                found = polish.run(start.gains, hopeless=before)
+            if polish.problem.structure.are_apart(start.gains, best.x):
+                found = polish.run(start.gains, hopeless=before, rival=best)
                 if found is not None and found.cost < best.cost and _is_stable(polish.problem, found):
                     best = found
         if best.cost >= before - _BETTER * max(abs(before), 0.05):
             return best, bracket.gap if math.isfinite(bracket.gap) else None
     return best, None
-
-
-def _is_far(problem: Problem, one: Array, other: Array) -> bool:
-    """Whether a polish from one may end elsewhere than at the other."""
-    structure = problem.structure
-    near = 0.05 + 0.1 * np.abs(other)
-    # small gains are compared by their size
-    near[: structure.linear] = np.minimum(near, _FAR * structure.units(other))[: structure.linear]
-    return bool(np.any(((one == 0.0) != (other == 0.0)) | (np.abs(one - other) > near)))
 
 
 def share_in_words(excluded: float) -> str:
@@ -178,7 +167,7 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
     _log.debug("scan: basins of cost %s", [float(f"{basin.cost:.4g}") for basin in scan.basins])
     # a basin about a local optimum that is known has nothing else
     known = None if best is None or not best.settled else best.x
-    new = [basin for basin in scan.basins if known is None or _is_far(polish.problem, basin.gains, known)]
+    new = [basin for basin in scan.basins if known is None or polish.problem.structure.are_apart(basin.gains, known)]
     best = polish_basins(polish, new, best) or _along_valley(polish, new)
     return _with_derivative(polish, best)
 
@@ -227,12 +216,12 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
     spread = polish.problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
     for basin in basins:
         worth = (_WORTH_OF_SPREADS if spread else _WORTH) * max(abs(basin.cost), 0.05)
-        if best is not None and (basin.cost > best.cost + worth or _is_floor(best, basin)):
+        if best is not None and (basin.cost > best.cost + worth or _is_floor(polish.problem, best, basin)):
             continue
-        found = polish.run(basin.gains)
+        found = polish.run(basin.gains, rival=best)
         _log.debug("polish: cost %s, %d solves so far", None if found is None else found.cost, polish.counts.solves)
         for radius in _NEARER:
-            if found is not None and ((found.settled and found.cost <= basin.cost + worth) or _is_floor(found, basin)):
+            if found is not None and (found.settled or _is_floor(polish.problem, found, basin)):
                 break
             nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
@@ -252,12 +241,13 @@ def _is_known(best: Polished | None, found: Polished | None) -> bool:
     return found.cost >= best.cost - _SAME and not np.any(np.abs(found.x - best.x) > 1e-3 * (1.0 + np.abs(best.x)))
 
 
-def _is_floor(best: Polished, basin: Basin) -> bool:
-    """Whether a basin's value on the scan's table is that of gains that were polished.
+def _is_floor(problem: Problem, best: Polished, basin: Basin) -> bool:
+    """Whether nothing better than gains that were polished is near a basin, as the objective is a limit there.
 
-    So exactly only where the objective is a limit that these gains do not change, as that of |C S| as omega -> 0.
+    So exactly has a basin the same value only where no gains change it.
     """
-    return abs(basin.cost - best.cost) <= _SAME
+    at_floor = problem.is_at_floor(best.cost, best.x) and basin.gains[1] != 0.0
+    return at_floor or abs(basin.cost - best.cost) <= _SAME
 
 
 def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:

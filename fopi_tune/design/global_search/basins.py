@@ -162,16 +162,20 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
     steps = (0.5 * (shapes[1] - shapes[0]) if len(shapes) > 1 else 0.0, 0.03)
     found: list[Basin] = []
     for value, z, i, j in _minima(costs)[: 3 * most]:
+        basin = Basin(value, _gains(problem, float(shapes[i]), float(taus[j]), float(kappas[z, i, j]), quadrants[z]))
+        if problem.is_at_floor(value, basin.gains):
+            _offer(problem, found, basin)
+            continue
         shape, tau, value, kappa = compass(
             problem.code, np.array([shapes[i], taus[j], value + 1e-15]), np.array(steps), fixed, quadrants[z], equal,
             most_ratio, span, _LEAST_STEP, _ROUNDS, table, rows, box, work,
         )  # fmt: skip
         if kappa == 0.0:
             kappa = kappas[z, i, j]
-        _offer(found, Basin(value, _gains(problem, shape, tau, kappa, quadrants[z])))
+        _offer(problem, found, Basin(value, _gains(problem, shape, tau, kappa, quadrants[z])))
     found = sorted(found, key=lambda basin: basin.cost)[:most]
     if problem.code not in (KI, IAE) and len(shapes) > 3:
-        found += _flat_valley(problem, found[0].cost, costs, kappas, shapes, taus, quadrants)
+        _offer_flat_valley(problem, found, costs, kappas, shapes, taus, quadrants)
     return Scan(tuple(found), relaxed, rays, float((costs < NOTHING).mean()))
 
 
@@ -198,9 +202,13 @@ def _minima(costs: Array) -> list[tuple[float, int, int, int]]:
     return sorted((float(costs[a, b, c]), int(a), int(b), int(c)) for a, b, c in zip(z, i, j, strict=True))
 
 
-def _offer(found: list[Basin], new: Basin) -> None:
+def _offer(problem: Problem, found: list[Basin], new: Basin) -> None:
+    """Add a basin, or replace its twin by it where it is better."""
+    at = problem.structure.without_idle_orders(new.gains)
+
     def same(other: Basin) -> bool:
-        return bool(np.all(np.abs(new.gains - other.gains) < 0.02 + 0.05 * np.abs(other.gains)))
+        there = problem.structure.without_idle_orders(other.gains)
+        return bool(np.all((np.abs(at - there) < 0.02 + 0.05 * np.abs(there)) & ((at == 0.0) == (there == 0.0))))
 
     twins = [k for k, other in enumerate(found) if same(other)]
     if not twins:
@@ -209,18 +217,17 @@ def _offer(found: list[Basin], new: Basin) -> None:
         found[twins[0]] = new
 
 
-def _flat_valley(
-    problem: Problem, best: float, costs: Array, kappas: Array, shapes: Array, taus: Array, quadrants: Array
-) -> list[Basin]:
+def _offer_flat_valley(
+    problem: Problem, found: list[Basin], costs: Array, kappas: Array, shapes: Array, taus: Array, quadrants: Array
+) -> None:
     """One more start from each third of the shapes: minima of a largest value are flat along a valley."""
-    more = []
+    best = found[0].cost
     for part in np.array_split(np.arange(len(shapes)), 3):
         z, i, j = np.unravel_index(np.argmin(costs[:, part, :]), costs[:, part, :].shape)
         value = float(costs[z, part[i], j])
         if value < best + _NEARLY * max(abs(best), 0.05):
             gains = _gains(problem, float(shapes[part[i]]), float(taus[j]), float(kappas[z, part[i], j]), quadrants[z])
-            more.append(Basin(value, gains))
-    return more
+            _offer(problem, found, Basin(value, gains))
 
 
 def _with_two_equalities(
@@ -264,7 +271,7 @@ def _with_two_equalities(
                     step *= 0.5
             value, kappa, tau = best(np.array([shape]))[0].tolist()
             if value < NOTHING:
-                _offer(found, Basin(float(value), _gains(problem, shape, tau, kappa, signs)))
+                _offer(problem, found, Basin(float(value), _gains(problem, shape, tau, kappa, signs)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[:most])
 
 
@@ -360,7 +367,7 @@ def _scan_with_orders(problem: Problem, most: int, coarse: float) -> Scan:
     for _, kappa, z, y in columns[:count]:
         found = search(y[:5], z, grids.steps, _FROM_THERE)
         at = _gains_with_orders(problem, found, float(found[5]) or kappa, quadrants[z])
-        _offer(offered, Basin(float(found[4]), at))
+        _offer(problem, offered, Basin(float(found[4]), at))
     return Scan(tuple(sorted(offered, key=lambda basin: basin.cost)), relaxed, rays, float((costs < NOTHING).mean()))
 
 
@@ -395,5 +402,5 @@ def _orders_with_two_equalities(
                         best = value, np.array([tau, shape, alpha, mu]), kappa
             if best is not None:
                 value, y, kappa = best
-                _offer(found, Basin(value, _gains_with_orders(problem, y, kappa, signs)))
+                _offer(problem, found, Basin(value, _gains_with_orders(problem, y, kappa, signs)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[: 2 * most])

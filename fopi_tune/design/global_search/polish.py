@@ -7,8 +7,7 @@ bounded to a region around the gains in which the known cases are trusted; a sta
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from fopi_tune.design.global_search.compiled import (
     PS,
     PS_PEAK,
     S_PEAK,
-    Rows,
     S,
     Table,
 )
@@ -38,7 +36,7 @@ from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.families.worst import searches_of, worst_of
 from fopi_tune.design.global_search.nonlinear.program import SIZES
 from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
-from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.problem import Problem, with_objective
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.responses import settle
 from fopi_tune.design.global_search.slots import (
@@ -131,11 +129,13 @@ class Polish:
         problem: the problem.
         counts: the work done.
         answers: of solves, by what they were asked.
+        hopeless: starts whose worst cases leave no gains near them.
     """
 
     problem: Problem
     counts: Counts = field(default_factory=Counts)
     answers: dict[tuple[object, ...], tuple[Solved, int]] = field(default_factory=dict, repr=False)
+    hopeless: set[bytes] = field(default_factory=set, repr=False)
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -212,15 +212,19 @@ class Polish:
             return -float(np.min(findings[self.in_t[rows] > 0.0, SLACK], initial=ENDLESS))
         return float(np.max(-findings[self.in_t[rows] < 0.0, SLACK], initial=-NOTHING))
 
-    def run(self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf) -> Polished | None:
+    def run(
+        self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf, rival: Polished | None = None
+    ) -> Polished | None:  # fmt: skip
         """Exchange from scaled gains; None when nothing that meets everything was found.
 
         Args:
             x: the start.
             radius: of the first step, relative to the gains.
             hopeless: a cost; a result on the edge of its region with more is not improved further.
+            rival: a local optimum; an exchange that comes close to it before it ends is not followed.
         """
-        found = self.look(x)
+        start = x.tobytes()
+        found = self.look(x) if start not in self.hopeless else None
         if found is None:
             return None
         t, known, pool, stalled = self._t_of(self.cost(found, x)), None, [], 0
@@ -228,11 +232,18 @@ class Polish:
         dropped: list[Array] = []
         if self.violation(found) <= MEETS:
             known = Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan))
+            if self.problem.is_at_floor(known.cost, x):
+                # no limit has a price
+                return replace(known, prices=np.zeros(self.real_rows), settled=True)
         for count in range(1, _ROUNDS + 1):
             pool = merged(pool, found)
             solved, cuts = self._solve(pool, x, t, radius)
             after = self.look(solved.x) if solved.ok else None
             if after is None:
+                if solved.is_infeasible and known is None and len(pool) <= len(found):
+                    # less of the region holds nothing either
+                    self.hopeless.add(start)
+                    break
                 radius, pool = 0.3 * radius, merged([], found)
                 if radius < _SMALLEST_RADIUS:
                     break
@@ -243,6 +254,8 @@ class Polish:
                 # a look sees the deepest of neighbours alone
                 pool, x, found, t = [*pool, *missed], solved.x, after, self._t_of(cost)
                 continue
+            if violation <= MEETS and self.problem.is_at_floor(cost, solved.x):
+                return Polished(cost, solved.x, np.zeros(self.real_rows), count, cuts, True)
             if violation <= MEETS and self._gap(cost, solved) <= MEETS:
                 if known is None or cost <= known.cost + 1e-9 * max(1.0, abs(cost)):
                     known = Polished(cost, solved.x, solved.prices, count, cuts, not solved.on_boundary)
@@ -262,6 +275,8 @@ class Polish:
             if violation > _TOO_FAR:
                 radius, pool = 0.4 * radius, merged(pool, after)
                 continue
+            if rival is not None and not solved.on_boundary and self._ends_at(rival, solved.x, violation, cost):
+                break
             stalled = stalled + 1 if self._stalls(known, cost, violation) else 0
             if stalled == _MOST_STALLED:
                 break
@@ -290,6 +305,11 @@ class Polish:
             if q < self.real_rows and inner_slack(rows.side[q], rows.limit[q], rows.scale[q], value) < -MEETS:
                 kept.append(f)
         return kept
+
+    def _ends_at(self, rival: Polished, x: Array, violation: float, cost: float) -> bool:
+        """Whether gains that are no better lead to a local optimum that is known."""
+        better = violation <= MEETS and cost < rival.cost
+        return rival.settled and not better and not self.problem.structure.are_apart(x, rival.x)
 
     def _stalls(self, known: Polished | None, cost: float, violation: float) -> bool:
         """Whether a solve that promised better gains ended at none: at a limit that no gains change.
@@ -378,21 +398,3 @@ class Polish:
 def _is_of(finding: Array, places: tuple[tuple[int, float], ...]) -> bool:
     """Whether a finding is of one of these rows and v."""
     return any(finding[ROW] == row and abs(finding[V] - v) < _SAME_PLACE for row, v in places)
-
-
-def with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) -> Rows:
-    """The rows of requirements, `own`, then those of the objective, `more` with kind and side, on a `table`."""
-    if not more:
-        return own
-    count, last = len(more), len(table.v) - 1
-
-    def joined(a: Any, b: Any) -> Any:
-        return np.concatenate([a, np.array(b, dtype=np.asarray(a).dtype)])
-
-    return Rows(
-        joined(own.kind, [kind for kind, _ in more]), joined(own.side, [side for _, side in more]),
-        joined(own.limit, [0.0] * count), joined(own.nominal, [False] * count), joined(own.first, [0] * count),
-        joined(own.last, [last] * count), joined(own.scale, [1.0] * count), joined(own.in_depth, [False] * count),
-        joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
-        joined(own.soft, [False] * count), joined(own.tilt, [0.0] * count),
-    )  # fmt: skip

@@ -34,6 +34,10 @@ from fopi_tune.design.global_search.controllers import order_of
 _BASE = 2.5
 #: r of (3), and the largest |ln tan(theta)| between the ends
 _REACH, _MOST = 2.0, 9.0
+#: of the largest gain: a term without an influence
+_IDLE = 1e-3
+#: of the size of each gain: those that are this much apart are polished on their own
+_FAR = 0.23
 #: scaled gains beyond this are taken for unbounded
 LARGEST_GAIN = 1e6
 
@@ -90,6 +94,22 @@ class Structure(NamedTuple):
         """What the solver's unknowns are measured in near x: of the size of each number, never of a vanishing one."""
         unit = max(self.size(x), 1e-12)
         return np.concatenate([np.maximum(np.abs(x[: self.linear]), 0.1 * unit), np.ones(len(x) - self.linear)])
+
+    def without_idle_orders(self, x: Array) -> Array:
+        """With 0 in place of orders whose terms are so small that they hardly matter."""
+        found, idle = x.copy(), np.abs(x) <= _IDLE * self.size(x)
+        if self.linear < 3 and idle[1]:
+            found[2] = 0.0
+        elif self.has_orders:
+            found[3:] = np.where(idle[1:3], 0.0, x[3:])
+        return found
+
+    def are_apart(self, one: Array, other: Array) -> bool:
+        """Whether a polish from one may end elsewhere than at the other."""
+        near = 0.05 + 0.1 * np.abs(other)
+        # small gains are compared by their size
+        near[: self.linear] = np.minimum(near, _FAR * self.units(other))[: self.linear]
+        return bool(np.any(((one == 0.0) != (other == 0.0)) | (np.abs(one - other) > near)))
 
     def reach(self, z: Array) -> Array:
         """How far the solver's unknowns may go from z by a region of radius 1."""

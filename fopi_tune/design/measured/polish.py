@@ -19,9 +19,8 @@ from fopi_tune.design.global_search.polish import (
     Counts,
     Polish,
     Polished,
-    with_objective,
 )
-from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.problem import Problem, with_objective
 from fopi_tune.design.global_search.slots import Slot, error_rows, idle_slot, order_of
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, ROW, V
 from fopi_tune.design.measured.problem import MeasuredProblem
@@ -66,15 +65,18 @@ class MeasuredPolish(Polish):
     def _loops(self, x: Array) -> list[MeasuredLoop]:
         return self.measured.measured_loops(self.problem.gains(x))
 
-    def run(self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf) -> Polished | None:
+    def run(
+        self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf, rival: Polished | None = None
+    ) -> Polished | None:  # fmt: skip
         """The exchange; where that of the smallest radius does not settle, as among peaks of noise, a pattern search.
 
         Args:
             x: the start.
             radius: of the first step, relative to the gains.
             hopeless: a cost; a result with more is not improved further.
+            rival: a local optimum, close to which an exchange is not followed.
         """
-        found = super().run(x, radius, hopeless)
+        found = super().run(x, radius, hopeless, rival)
         if found is None or found.settled or found.cost > hopeless or radius > _SMALLEST_RADIUS:
             return found
         return self._searched(found)
