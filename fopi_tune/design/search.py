@@ -226,7 +226,7 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
             nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
                 found = nearer
-        if polish.problem.structure.has_orders and _is_known(best, found):
+        if found is best or (polish.problem.structure.has_orders and _is_known(best, found)):
             continue
         found = _on_axis(polish, found)
         if found is not None and (best is None or found.cost < best.cost) and _is_stable(polish.problem, found):

@@ -221,7 +221,7 @@ class Polish:
             x: the start.
             radius: of the first step, relative to the gains.
             hopeless: a cost; a result on the edge of its region with more is not improved further.
-            rival: a local optimum; an exchange that comes close to it before it ends is not followed.
+            rival: a local optimum; the result of an exchange that comes close to it before it ends.
         """
         start = x.tobytes()
         found = self.look(x) if start not in self.hopeless else None
@@ -275,8 +275,8 @@ class Polish:
             if violation > _TOO_FAR:
                 radius, pool = 0.4 * radius, merged(pool, after)
                 continue
-            if rival is not None and not solved.on_boundary and self._ends_at(rival, solved.x, violation, cost):
-                break
+            if rival is not None and not solved.on_boundary and self._leads_to(rival, solved.x, known, violation, cost):
+                return rival
             stalled = stalled + 1 if self._stalls(known, cost, violation) else 0
             if stalled == _MOST_STALLED:
                 break
@@ -306,10 +306,10 @@ class Polish:
                 kept.append(f)
         return kept
 
-    def _ends_at(self, rival: Polished, x: Array, violation: float, cost: float) -> bool:
-        """Whether gains that are no better lead to a local optimum that is known."""
-        better = violation <= MEETS and cost < rival.cost
-        return rival.settled and not better and not self.problem.structure.are_apart(x, rival.x)
+    def _leads_to(self, rival: Polished, x: Array, known: Polished | None, violation: float, cost: float) -> bool:
+        """Whether gains lead to a local optimum, and nothing better is known."""
+        least = min(math.inf if known is None else known.cost, cost if violation <= MEETS else math.inf)
+        return rival.settled and least >= rival.cost and not self.problem.structure.are_apart(x, rival.x)
 
     def _stalls(self, known: Polished | None, cost: float, violation: float) -> bool:
         """Whether a solve that promised better gains ended at none: at a limit that no gains change.

@@ -74,10 +74,10 @@ class MeasuredPolish(Polish):
             x: the start.
             radius: of the first step, relative to the gains.
             hopeless: a cost; a result with more is not improved further.
-            rival: a local optimum, close to which an exchange is not followed.
+            rival: a local optimum, the result of an exchange that comes close to it.
         """
         found = super().run(x, radius, hopeless, rival)
-        if found is None or found.settled or found.cost > hopeless or radius > _SMALLEST_RADIUS:
+        if found is None or found is rival or found.settled or found.cost > hopeless or radius > _SMALLEST_RADIUS:
             return found
         return self._searched(found)
 
