@@ -161,7 +161,11 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
         return Scan((), RELAXED[-1], rays, 0.0)
     steps = (0.5 * (shapes[1] - shapes[0]) if len(shapes) > 1 else 0.0, 0.03)
     found: list[Basin] = []
+    ends: list[tuple[int, float, float]] = []
     for value, z, i, j in _minima(costs)[: 3 * most]:
+        if any(z == q and abs(shapes[i] - a) <= 2.0 * steps[0] and abs(taus[j] - b) <= 2.0 * steps[1] for q, a, b in ends):
+            # next to where another search ended, which ends there as well
+            continue
         basin = Basin(value, _gains(problem, float(shapes[i]), float(taus[j]), float(kappas[z, i, j]), quadrants[z]))
         if problem.is_at_floor(value, basin.gains):
             _offer(problem, found, basin)
@@ -170,6 +174,7 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
             problem.code, np.array([shapes[i], taus[j], value + 1e-15]), np.array(steps), fixed, quadrants[z], equal,
             most_ratio, span, _LEAST_STEP, _ROUNDS, table, rows, box, work,
         )  # fmt: skip
+        ends.append((z, shape, tau))
         if kappa == 0.0:
             kappa = kappas[z, i, j]
         _offer(problem, found, Basin(value, _gains(problem, shape, tau, kappa, quadrants[z])))
