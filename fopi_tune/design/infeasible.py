@@ -11,7 +11,7 @@ import math
 
 from fopi_tune.core.loops import Plants
 from fopi_tune.design.constraints import Bound
-from fopi_tune.design.global_search.basins import scan_box
+from fopi_tune.design.global_search.basins import WORTH, scan_box
 from fopi_tune.design.global_search.polish import Counts, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.measured.polish import polish_of
@@ -22,34 +22,34 @@ from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import DesignSpec
 
 #: natural units; requirements that are missed by no more can hold together
-_MET = 1e-6
+MET = 1e-6
 _BASINS = 2
 _COARSE = 2.0
 _UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
 _NEAREST = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
 
 
-def explain(problem: Problem, excluded: str, counts: Counts) -> Candidate:
+def explain(problem: Problem, excluded: str, nearest: Polished | None, counts: Counts) -> Candidate:
     """The candidate of a spec for which the search found no gains.
 
     Args:
         problem: the problem.
         excluded: how completely the box was searched, in words; empty when it was not asked.
+        nearest: gains at which the largest miss is smallest; None where all leave a plant unstable.
         counts: of the search so far.
     """
-    spec, everything = problem.spec, frozenset(range(len(problem.spec.requirements)))
+    spec, everything = problem.spec, problem.every_requirement
     nothing = tuple(None for _ in spec.requirements)
-    nearest = least_missed(problem, everything, frozenset(), counts)
     if nearest is None:
         return Candidate(Status.INFEASIBLE, None, nothing, (), _unstable(problem), counts.solves)
     gains = problem.gains(nearest.x)
-    if nearest.cost <= _MET:
+    if nearest.cost <= MET:
         return Candidate(Status.FAILED, gains, nothing, (), _NEAREST, counts.solves)
     clash = everything
     for requirement in sorted(everything):
         rest = clash - {requirement}
-        without = least_missed(problem, rest, everything - rest, counts) if rest else None
-        if without is not None and without.cost > _MET:
+        without = least_missed(problem, rest, everything - rest, counts, MET) if rest else None
+        if without is not None and without.cost > MET:
             clash = rest
     relaxations = tuple(relaxation_alone(problem, requirement, counts) for requirement in sorted(clash))
     message = _message(spec, clash) + (f"; {excluded}" if excluded else "")
@@ -59,7 +59,7 @@ def explain(problem: Problem, excluded: str, counts: Counts) -> Candidate:
 def explain_reason(problem: Problem, reason: Reason) -> Candidate:
     """The candidate of a spec that a formula refuses: its nearest gains and the relaxations needed."""
     counts, spec = Counts(), problem.spec
-    everything = frozenset(range(len(spec.requirements)))
+    everything = problem.every_requirement
     nearest = least_missed(problem, everything - reason.unattainable, reason.unattainable, counts)
     relaxations = tuple(
         Relaxation(r, None, None) if r in reason.unattainable else relaxation_alone(problem, r, counts)
@@ -70,21 +70,36 @@ def explain_reason(problem: Problem, reason: Reason) -> Candidate:
     return Candidate(Status.INFEASIBLE, gains, nothing, relaxations, reason.message, counts.solves)
 
 
+def nearest_of(problem: Problem, counts: Counts) -> Polished | None:
+    """The gains at which the largest miss is smallest; None where all that were found leave a plant unstable."""
+    return least_missed(problem, problem.every_requirement, frozenset(), counts)
+
+
 def least_missed(
-    problem: Problem, free: frozenset[int], dropped: frozenset[int], counts: Counts
+    problem: Problem, free: frozenset[int], dropped: frozenset[int], counts: Counts, enough: float = -math.inf
 ) -> Polished | None:  # fmt: skip
     """The gains at which the largest miss of the requirements in `free` is smallest; its cost is that miss.
 
     None where no gains were found at which all others hold.
+
+    Args:
+        problem: the problem.
+        free, dropped: requirements that may be missed, and that are left out.
+        counts: of the work so far.
+        enough: a miss; gains without a larger one are not improved.
     """
     question = problem.missing(free, dropped)
     polish = polish_of(question, counts)
     best: Polished | None = None
-    for basin in scan_box(question, _BASINS, _COARSE).basins:
-        found = polish.run(basin.gains)
+    for basin in scan_box(question, _BASINS, _COARSE, enough).basins:
+        if best is not None and basin.cost > best.cost + WORTH * max(abs(best.cost), 0.05):
+            continue
+        found = polish.unchanged(basin.gains)
+        if found is None or found.cost > enough:
+            found = polish.run(basin.gains, rival=best)
         if found is not None and (best is None or found.cost < best.cost):
             best = found
-        if best is not None and best.cost <= _MET:
+        if best is not None and best.cost <= MET:
             break
     return best
 

@@ -15,12 +15,12 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
-from fopi_tune.design.global_search.basins import Basin, scan_box
+from fopi_tune.design.global_search.basins import WORTH, Basin, scan_box
 from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, ENDLESS, KI, MARGIN_SPREAD
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.structures import LARGEST_GAIN
-from fopi_tune.design.infeasible import explain, has_wrong_sign
+from fopi_tune.design.infeasible import MET, explain, has_wrong_sign, nearest_of
 from fopi_tune.design.measured.polish import polish_of
 from fopi_tune.design.measured.problem import MeasuredProblem
 from fopi_tune.digital.implementation import nominal_crossover
@@ -35,8 +35,6 @@ _log = logging.getLogger(__name__)
 _BASINS = 3
 #: factor on the distance between rays where gains close to the optimum are known
 _COARSE = 2.0
-#: of the best cost (or of 0.05): a basin that is worse by more on the scan's table is not polished
-_WORTH = 0.03
 #: natural units; costs that differ by less are the same
 _SAME = 1e-9
 #: of spreads, which an equality and a narrow region leave far from their minimum on the scan's rays
@@ -95,7 +93,7 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
     problem = polish.problem
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
         excluded = share_in_words(excluded_share(problem)) if bracket and problem.has_bound else ""
-        return explain(problem, excluded, polish.counts)
+        return explain(problem, excluded, polish.nearest or nearest_of(problem, polish.counts), polish.counts)
     if problem.code == KI and best.x[1] == 0.0 and problem.box.ki_high > 0.0 and has_wrong_sign(problem):
         nothing = tuple(None for _ in problem.spec.requirements)
         return Candidate(Status.INFEASIBLE, None, nothing, (), _ONLY_WITHOUT_INTEGRAL, polish.counts.solves)
@@ -168,8 +166,7 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
     # a basin about a local optimum that is known has nothing else
     known = None if best is None or not best.settled else best.x
     new = [basin for basin in scan.basins if known is None or polish.problem.structure.are_apart(basin.gains, known)]
-    best = polish_basins(polish, new, best) or _along_valley(polish, new)
-    return _with_derivative(polish, best)
+    return _with_derivative(polish, polish_basins(polish, new, best) or _along_valley(polish, new))
 
 
 def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
@@ -178,9 +175,11 @@ def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
     Two equalities leave a narrow valley, whose end may be where a crossing appears at once: from beyond it a step for
     the objective and the equalities together leads away.
     """
+    polish.nearest = nearest_of(polish.problem, polish.counts)
+    if polish.nearest is None or polish.nearest.cost > MET:
+        return None
     problem, best = polish.problem, None
-    everything = frozenset(range(len(problem.spec.requirements)))
-    question = polish_of(problem.missing(everything, frozenset()), polish.counts)
+    question = polish_of(problem.missing(problem.every_requirement, frozenset()), polish.counts)
     for basin in basins:
         near = question.run(basin.gains)
         found = polish.walk(near.x) if near is not None and near.cost <= MEETS else None
@@ -215,7 +214,7 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
     """The best local optimum of basins, those left out that are clearly worse than one that is known."""
     spread = polish.problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
     for basin in basins:
-        worth = (_WORTH_OF_SPREADS if spread else _WORTH) * max(abs(basin.cost), 0.05)
+        worth = (_WORTH_OF_SPREADS if spread else WORTH) * max(abs(basin.cost), 0.05)
         if best is not None and (basin.cost > best.cost + worth or _is_floor(polish.problem, best, basin)):
             continue
         found = polish.run(basin.gains, rival=best)

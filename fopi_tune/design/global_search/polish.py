@@ -129,6 +129,7 @@ class Polish:
         problem: the problem.
         counts: the work done.
         answers: of solves, by what they were asked.
+        nearest: gains whose largest miss is smallest, where these were asked for.
         hopeless: starts whose worst cases leave no gains near them.
     """
 
@@ -136,6 +137,7 @@ class Polish:
     counts: Counts = field(default_factory=Counts)
     answers: dict[tuple[object, ...], tuple[Solved, int]] = field(default_factory=dict, repr=False)
     hopeless: set[bytes] = field(default_factory=set, repr=False)
+    nearest: Polished | None = None
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -227,22 +229,17 @@ class Polish:
         found = self.look(x) if start not in self.hopeless else None
         if found is None:
             return None
-        t, known, pool, stalled = self._t_of(self.cost(found, x)), None, [], 0
-        freed = _MOST_FREED
-        dropped: list[Array] = []
-        if self.violation(found) <= MEETS:
-            known = Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan))
-            if self.problem.is_at_floor(known.cost, x):
-                # no limit has a price
-                return replace(known, prices=np.zeros(self.real_rows), settled=True)
+        t, known, pool, stalled = self._t_of(self.cost(found, x)), self._met(found, x), [], 0
+        freed, dropped = _MOST_FREED, list[Array]()
+        if known is not None and self.problem.is_at_floor(known.cost, x):
+            return replace(known, prices=np.zeros(self.real_rows), settled=True)  # no limit has a price
         for count in range(1, _ROUNDS + 1):
             pool = merged(pool, found)
             solved, cuts = self._solve(pool, x, t, radius)
             after = self.look(solved.x) if solved.ok else None
             if after is None:
                 if solved.is_infeasible and known is None and len(pool) <= len(found):
-                    # less of the region holds nothing either
-                    self.hopeless.add(start)
+                    self.hopeless.add(start)  # less of the region holds nothing either
                     break
                 radius, pool = 0.3 * radius, merged([], found)
                 if radius < _SMALLEST_RADIUS:
@@ -285,11 +282,17 @@ class Polish:
 
     def walk(self, x: Array) -> Polished | None:
         """Better gains in short steps from some that meet everything; None where these do not."""
+        found, known = self.look(x), self.unchanged(x)
+        return None if found is None or known is None else self._walked(known, found, self._t_of(known.cost))
+
+    def unchanged(self, x: Array) -> Polished | None:
+        """Gains as they are; None where they do not meet everything."""
         found = self.look(x)
-        if found is None or self.violation(found) > MEETS:
-            return None
-        cost = self.cost(found, x)
-        return self._walked(Polished(cost, x, np.full(self.real_rows, np.nan)), found, self._t_of(cost))
+        return None if found is None else self._met(found, x)
+
+    def _met(self, found: Array, x: Array) -> Polished | None:
+        met = self.violation(found) <= MEETS
+        return Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan)) if met else None
 
     def _violated(self, x: Array, findings: list[Array]) -> list[Array]:
         """Those of older findings that are violated at gains where their peaks or crossings are now."""
@@ -377,10 +380,8 @@ class Polish:
         slots = [slot for slot in slots if not any(slot is other for other in surplus)][: SIZES[-1]]
         size = next(s for s in SIZES if s >= len(slots))
         self.counts.solves += 1
-        return solve(self.problem, self.code, slots, self._errors(pool), x, t, radius, size, self.real_rows), len(slots)
-
-    def _errors(self, pool: list[Array]) -> Array:
-        return error_rows(pool, self.rows, self.problem.scaled, self.problem.box.log_horizon)
+        errors = error_rows(pool, self.rows, self.problem.scaled, self.problem.box.log_horizon)
+        return solve(self.problem, self.code, slots, errors, x, t, radius, size, self.real_rows), len(slots)
 
     def _first_slot(self, x: Array, table: Table) -> Slot:
         """The nominal plant's crossover where a spread needs it, else an idle slot."""

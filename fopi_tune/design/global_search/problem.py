@@ -138,6 +138,11 @@ class Problem:
         return self._share_tables(other)
 
     @property
+    def every_requirement(self) -> frozenset[int]:
+        """Indices of all requirements."""
+        return frozenset(range(len(self.spec.requirements)))
+
+    @property
     def needs_crossover(self) -> bool:
         """Whether the loop is on samples with a filter that depends on its crossover."""
         return self.scaled.samples is not None and self.scaled.samples.digital.depends_on_crossover

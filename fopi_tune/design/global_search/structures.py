@@ -20,6 +20,7 @@ Source: derived.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -30,6 +31,8 @@ from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.design.global_search.compiled import Box, Sampling, Table, compiled, entry
 from fopi_tune.design.global_search.controllers import order_of
 
+#: rays: so many directions for each shape
+_DIRECTIONS = 33
 #: neper: the part of the reach of directions that does not depend on the order
 _BASE = 2.5
 #: r of (3), and the largest |ln tan(theta)| between the ends
@@ -119,6 +122,22 @@ class Structure(NamedTuple):
 FRACTIONAL = Structure(("kp", "ki", "alpha"), 2, 0.07, 7)
 WITH_DERIVATIVE = Structure(("kp", "ki", "kd"), 3, 0.13, 2)
 WITH_ORDERS = Structure(("kp", "ki", "kd", "alpha", "mu"), 3, 0.3, 2)
+
+
+def quadrants_of(box: Box) -> Array:
+    """The signs of kp, ki and kd that their ranges allow, shape (k, 3)."""
+    ranges = ((box.kp_low, box.kp_high), (box.ki_low, box.ki_high), (box.kd_low, box.kd_high))
+    signs = [[s for s in (1.0, -1.0) if (high > 0.0 if s > 0 else low < 0.0)] or [1.0] for low, high in ranges]
+    return np.array(list(itertools.product(*signs)))
+
+
+def directions_of(box: Box) -> tuple[Array, bool]:
+    """The grid of tau, and whether it is a single one."""
+    if box.ki_low == box.ki_high == 0.0:
+        return np.array([-1.0]), True
+    if box.kp_low == box.kp_high == 0.0 and box.kd_low == box.kd_high == 0.0:
+        return np.array([1.0]), True
+    return np.concatenate([[-1.0], np.linspace(-0.96, 0.96, _DIRECTIONS - 2), [1.0]]), False
 
 
 @compiled
