@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.design.constraints import Bound
 from fopi_tune.design.global_search.basins import WORTH, scan_box
 from fopi_tune.design.global_search.polish import Counts, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.worst_case import ROW, SLACK
 from fopi_tune.design.measured.polish import polish_of
 from fopi_tune.design.measured.problem import MeasuredProblem
 from fopi_tune.design.reasons import Reason, describe, has_negative_gain
@@ -94,7 +98,7 @@ def least_missed(
     for basin in scan_box(question, _BASINS, _COARSE, enough).basins:
         if best is not None and basin.cost > best.cost + WORTH * max(abs(best.cost), 0.05):
             continue
-        found = polish.unchanged(basin.gains)
+        found = polish.unchanged(basin.gains) if basin.cost <= enough else None
         if found is None or found.cost > enough:
             found = polish.run(basin.gains, rival=best)
         if found is not None and (best is None or found.cost < best.cost):
@@ -122,17 +126,40 @@ def moved_limit(polish: Polish, found: Polished, requirement: int) -> tuple[floa
         found: its answer.
         requirement: index in the spec's list.
     """
-    missed, best = polish.misses(found.x), (0.0, 0.0, 0.0)
+    missed, best = misses(polish, found.x), (0.0, 0.0, 0.0)
     for k, constraint in enumerate(polish.problem.constraints):
         if constraint.requirement != requirement or missed[k] <= best[0]:
             continue
         side = float(constraint.bound.value)
         if constraint.bound is Bound.EQUAL:
-            side = 1.0 if polish.is_closer(found.x, k, 1.0) else -1.0
+            side = 1.0 if is_closer(polish, found.x, k, 1.0) else -1.0
         limit = constraint.quantity.from_natural(constraint.limit + side * missed[k] / constraint.scale)
         if math.isfinite(limit):
             best = float(missed[k]), limit, abs(limit - constraint.limit_public)
     return None if best[0] == 0.0 else (best[1], best[2])
+
+
+def misses(polish: Polish, x: Array) -> Array:
+    """By how much each requirement's row is missed at gains, natural units, 0 where it is met; shape (rows,)."""
+    found, missed = polish.look(x), np.zeros(polish.real_rows)
+    for finding in [] if found is None else found:
+        q = int(finding[ROW])
+        if q < polish.real_rows:
+            missed[q] = max(missed[q], -finding[SLACK])
+    return missed
+
+
+def is_closer(polish: Polish, x: Array, row: int, side: float) -> bool:
+    """Whether an equality's limit moved to a side (1 up, -1 down) would be missed by less."""
+    before = misses(polish, x)[row]
+    rows = polish.rows
+    step = side * min(1e-3, 0.5 * before) / float(rows.scale[row])
+    limit = rows.limit.copy()
+    limit[row] += step
+    polish.rows = rows._replace(limit=limit)
+    after = misses(polish, x)[row]
+    polish.rows = rows
+    return bool(after < before)
 
 
 def has_wrong_sign(problem: Problem) -> bool:

@@ -222,6 +222,8 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
         for radius in _NEARER:
             if found is not None and (found.settled or _is_floor(polish.problem, found, basin)):
                 break
+            if found is not None and best is not None and found.cost > best.cost + worth:
+                break
             nearer = polish.run(basin.gains if found is None else found.x, radius)
             if nearer is not None and (found is None or nearer.cost < found.cost):
                 found = nearer

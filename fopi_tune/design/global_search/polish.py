@@ -65,6 +65,8 @@ from fopi_tune.errors import DomainError
 
 #: natural units; requirements that are missed by less are met, an objective that is this exact is known
 MEETS = 2e-7
+#: natural units; of a smaller objective what is left of `MEETS` shows, and every exchange counts
+_LARGE = 2e-5
 #: scaled gains; smaller ones are no controller
 _NO_CONTROLLER = 1e-9
 #: natural units; findings of requirements with more slack are not looked at
@@ -184,27 +186,6 @@ class Polish:
         must = self.in_t[findings[:, ROW].astype(int)] == 0.0
         return max(0.0, float(np.max(-findings[must, SLACK], initial=0.0)))
 
-    def misses(self, x: Array) -> Array:
-        """By how much each requirement's row is missed at gains, natural units, 0 where it is met; shape (rows,)."""
-        found, missed = self.look(x), np.zeros(self.real_rows)
-        for finding in [] if found is None else found:
-            q = int(finding[ROW])
-            if q < self.real_rows:
-                missed[q] = max(missed[q], -finding[SLACK])
-        return missed
-
-    def is_closer(self, x: Array, row: int, side: float) -> bool:
-        """Whether an equality's limit moved to a side (1 up, -1 down) would be missed by less."""
-        before = self.misses(x)[row]
-        rows = self.rows
-        step = side * min(1e-3, 0.5 * before) / float(rows.scale[row])
-        limit = rows.limit.copy()
-        limit[row] += step
-        self.rows = rows._replace(limit=limit)
-        after = self.misses(x)[row]
-        self.rows = rows
-        return bool(after < before)
-
     def cost(self, findings: Array, x: Array) -> float:
         """The exact cost of gains from their worst cases."""
         if self.code == KI:
@@ -287,8 +268,7 @@ class Polish:
 
     def unchanged(self, x: Array) -> Polished | None:
         """Gains as they are; None where they do not meet everything."""
-        found = self.look(x)
-        return None if found is None else self._met(found, x)
+        return None if (found := self.look(x)) is None else self._met(found, x)
 
     def _met(self, found: Array, x: Array) -> Polished | None:
         met = self.violation(found) <= MEETS
@@ -312,7 +292,8 @@ class Polish:
     def _leads_to(self, rival: Polished, x: Array, known: Polished | None, violation: float, cost: float) -> bool:
         """Whether gains lead to a local optimum, and nothing better is known."""
         least = min(math.inf if known is None else known.cost, cost if violation <= MEETS else math.inf)
-        return rival.settled and least >= rival.cost and not self.problem.structure.are_apart(x, rival.x)
+        settled = rival.settled and abs(rival.cost) > _LARGE and least >= rival.cost
+        return settled and not self.problem.structure.are_apart(x, rival.x)
 
     def _stalls(self, known: Polished | None, cost: float, violation: float) -> bool:
         """Whether a solve that promised better gains ended at none: at a limit that no gains change.
