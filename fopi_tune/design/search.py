@@ -16,7 +16,7 @@ from fopi_tune.core.stability import is_stable
 from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import WORTH, Basin, scan_box
-from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, ENDLESS, KI, MARGIN_SPREAD
+from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS, KI
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.structures import LARGEST_GAIN
@@ -212,9 +212,8 @@ def inside(problem: Problem, x: Array) -> Array:
 
 def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None = None) -> Polished | None:
     """The best local optimum of basins, those left out that are clearly worse than one that is known."""
-    spread = polish.problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
     for basin in basins:
-        worth = (_WORTH_OF_SPREADS if spread else WORTH) * max(abs(basin.cost), 0.05)
+        worth = (_WORTH_OF_SPREADS if polish.is_spread else WORTH) * max(abs(basin.cost), 0.05)
         if best is not None and (basin.cost > best.cost + worth or _is_floor(polish.problem, best, basin)):
             continue
         found = polish.run(basin.gains, rival=best)

@@ -65,7 +65,9 @@ from fopi_tune.errors import DomainError
 
 #: natural units; requirements that are missed by less are met, an objective that is this exact is known
 MEETS = 2e-7
-#: natural units; of a smaller objective what is left of `MEETS` shows, and every exchange counts
+#: of a spread, which `MEETS` leaves inexact: rounds go on to this part of it, not to less than this (radian, neper)
+_EXACT, _FINEST = 1e-6, 1e-9
+#: natural units; of a smaller objective what is left shows, and every exchange counts
 _LARGE = 2e-5
 #: scaled gains; smaller ones are no controller
 _NO_CONTROLLER = 1e-9
@@ -155,6 +157,7 @@ class Polish:
             ]
         )
         self.spread = self.real_rows if self.code == MARGIN_SPREAD else len(self.rows.kind)
+        self.is_spread = self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
         self.width = self.table.points.shape[1]
         self.searches = searches_of(problem, self.table, self.rows, self.real_rows)
         # of the nominal plant, which is the first of the first
@@ -211,7 +214,7 @@ class Polish:
         if found is None:
             return None
         t, known, pool, stalled = self._t_of(self.cost(found, x)), self._met(found, x), [], 0
-        freed, dropped = _MOST_FREED, list[Array]()
+        freed, dropped, gap = _MOST_FREED, list[Array](), math.inf
         if known is not None and self.problem.is_at_floor(known.cost, x):
             return replace(known, prices=np.zeros(self.real_rows), settled=True)  # no limit has a price
         for count in range(1, _ROUNDS + 1):
@@ -234,12 +237,15 @@ class Polish:
                 continue
             if violation <= MEETS and self.problem.is_at_floor(cost, solved.x):
                 return Polished(cost, solved.x, np.zeros(self.real_rows), count, cuts, True)
-            if violation <= MEETS and self._gap(cost, solved) <= MEETS:
+            gap, before = self._gap(cost, solved), gap
+            if violation <= MEETS and gap <= MEETS:
                 if known is None or cost <= known.cost + 1e-9 * max(1.0, abs(cost)):
                     known = Polished(cost, solved.x, solved.prices, count, cuts, not solved.on_boundary)
                 x, found, t = solved.x, after, solved.t
                 if cost > hopeless:
                     break
+                if self.is_spread and not solved.on_boundary and _FINEST < _EXACT * abs(cost) < gap < 0.5 * before:
+                    continue
                 if solved.blocking and not solved.on_boundary and self.problem.structure.has_orders and freed > 0:
                     dropped += [f for f in [*pool, *after] if _is_of(f, solved.blocking)]
                     found = np.array([f for f in after if not _is_of(f, solved.blocking)])
@@ -367,7 +373,7 @@ class Polish:
     def _first_slot(self, x: Array, table: Table) -> Slot:
         """The nominal plant's crossover where a spread needs it, else an idle slot."""
         nominal = table.members[0]
-        if self.code not in (MARGIN_SPREAD, CROSSOVER_SPREAD):
+        if not self.is_spread:
             return idle_slot(nominal)
         fill_ray(x[2], x[0], x[1], table, self.work)
         if self.code == MARGIN_SPREAD:

@@ -60,6 +60,7 @@ class MeasuredPolish(Polish):
         depth = own.in_depth * 1.0 if self.code == DEPTH else np.zeros(self.real_rows)
         self.in_t = np.concatenate([depth, -np.ones(len(self.rows.kind) - self.real_rows)])
         self.spread = self.real_rows if self.code == MARGIN_SPREAD else len(self.rows.kind)
+        self.is_spread = self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
         self.width = 1
 
     def _loops(self, x: Array) -> list[MeasuredLoop]:
@@ -158,7 +159,7 @@ class MeasuredPolish(Polish):
 
     def _reference(self, nominal: MeasuredLoop) -> Slot:
         """The nominal crossover where a spread needs it, else an idle slot."""
-        if self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD) and len(nominal.gain_crossovers):
+        if self.is_spread and len(nominal.gain_crossovers):
             return reference_slot(nominal, self.problem.scale, self.code == MARGIN_SPREAD)
         return idle_slot(self.table.members[0], True)
 
