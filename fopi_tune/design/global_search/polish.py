@@ -65,7 +65,7 @@ from fopi_tune.errors import DomainError
 
 #: natural units; requirements that are missed by less are met, an objective that is this exact is known
 MEETS = 2e-7
-#: of a spread, which `MEETS` leaves inexact: rounds go on to this part of it, not to less than this (radian, neper)
+#: of a peak or spread, which `MEETS` leaves inexact: rounds go on to this part of it, not to less than (natural units)
 _EXACT, _FINEST = 1e-6, 1e-9
 #: natural units; of a smaller objective what is left shows, and every exchange counts
 _LARGE = 2e-5
@@ -76,6 +76,8 @@ _WITHIN = 0.25
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
+#: radius within which worst cases that contradict each other do so whatever the step
+_NEAR_ENOUGH = 0.045
 #: radii of steps up to gains with a new crossing: the first, the smallest; most of them
 _WALK, _SMALLEST_STEP, _MOST_STEPS = 0.01, 1e-5, 40
 #: natural units; a step that violates by more was too long
@@ -222,10 +224,12 @@ class Polish:
             solved, cuts = self._solve(pool, x, t, radius)
             after = self.look(solved.x) if solved.ok else None
             if after is None:
-                if solved.is_infeasible and known is None and len(pool) <= len(found):
-                    self.hopeless.add(start)  # less of the region holds nothing either
+                contradict = solved.is_infeasible and known is None and len(pool) <= len(found)
+                if contradict and radius <= _NEAR_ENOUGH:
+                    self.hopeless.add(start)
                     break
-                radius, pool = 0.3 * radius, merged([], found)
+                # what has no solution in a region has seldom one in a part of it: the smallest that it takes to see
+                radius, pool = min(0.3 * radius, _NEAR_ENOUGH if contradict else math.inf), merged([], found)
                 if radius < _SMALLEST_RADIUS:
                     break
                 continue
@@ -244,7 +248,8 @@ class Polish:
                 x, found, t = solved.x, after, solved.t
                 if cost > hopeless:
                     break
-                if self.is_spread and not solved.on_boundary and _FINEST < _EXACT * abs(cost) < gap < 0.5 * before:
+                is_coarse = self.code in OBJECTIVE_ROWS and _FINEST < _EXACT * abs(cost) < gap < 0.5 * before
+                if is_coarse and not solved.on_boundary:
                     continue
                 if solved.blocking and not solved.on_boundary and self.problem.structure.has_orders and freed > 0:
                     dropped += [f for f in [*pool, *after] if _is_of(f, solved.blocking)]
