@@ -39,6 +39,8 @@ _COARSE = 2.0
 _SAME = 1e-9
 #: of spreads, which an equality and a narrow region leave far from their minimum on the scan's rays
 _WORTH_OF_SPREADS = 0.4
+#: of the cost (or of 0.05): more than the scan's table is inexact by
+_WORSE = 2e-4
 #: radii of the polish when its result is worse than the scan's
 _NEARER = (0.1, 0.03)
 #: of objectives that are a largest member: from natural units to public ones
@@ -218,12 +220,17 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
             continue
         found = polish.run(basin.gains, rival=best)
         _log.debug("polish: cost %s, %d solves so far", None if found is None else found.cost, polish.counts.solves)
-        for radius in _NEARER:
-            if found is not None and (found.settled or _is_floor(polish.problem, found, basin)):
+        for radius in _NEARER if found is not best else ():
+            x = basin.gains if found is None else found.x
+            if found is not None and found.settled:
+                if radius != _NEARER[0] or not _has_left(polish.problem, found, basin):
+                    break
+                x = basin.gains
+            elif found is not None and (best is not None and found.cost > best.cost + worth):
                 break
-            if found is not None and best is not None and found.cost > best.cost + worth:
+            if found is not None and _is_floor(polish.problem, found, basin):
                 break
-            nearer = polish.run(basin.gains if found is None else found.x, radius)
+            nearer = polish.run(x, radius, rival=found)
             if nearer is not None and (found is None or nearer.cost < found.cost):
                 found = nearer
         if found is best or (polish.problem.structure.has_orders and _is_known(best, found)):
@@ -232,6 +239,12 @@ def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None
         if found is not None and (best is None or found.cost < best.cost) and _is_stable(polish.problem, found):
             best = found
     return best
+
+
+def _has_left(problem: Problem, found: Polished, basin: Basin) -> bool:
+    """Whether the first step led out of a basin to a worse optimum than the basin's gains on the scan's table."""
+    worse = found.cost > basin.cost + _WORSE * max(abs(basin.cost), 0.05)
+    return worse and problem.structure.are_apart(found.x, basin.gains)
 
 
 def _is_known(best: Polished | None, found: Polished | None) -> bool:
