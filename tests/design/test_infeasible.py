@@ -27,8 +27,8 @@ def test_a_clash_is_explained_by_few_solves_and_its_relaxations_are_enough(digit
     found = design(spec)
     assert found.status is Status.INFEASIBLE
     assert [each.requirement for each in found.clash] == [0, 1]
-    # one for each basin of the search, the nearest gains, each dropped requirement and each relaxation
-    assert found.solves <= 16
+    # two for each basin of the search, a few for the nearest gains and each relaxation; it had taken 68 and 86
+    assert found.solves <= 20
     for each in found.clash:
         assert each.new_limit is not None
         old = spec.requirements[each.requirement]
