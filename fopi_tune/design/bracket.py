@@ -11,7 +11,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.design.bound.branch import branch
 from fopi_tune.design.bound.columns import KAPPA, PSI_HIGH, PSI_LOW, QUADRANT, SHAPE_HIGH, SHAPE_LOW
 from fopi_tune.design.constraints import Bound
-from fopi_tune.design.global_search.basins import Basin, quadrants_of
+from fopi_tune.design.global_search.basins import Basin
 from fopi_tune.design.global_search.compiled import (
     CROSSOVER,
     CROSSOVER_SPREAD,
@@ -35,6 +35,7 @@ from fopi_tune.design.global_search.compiled import (
 from fopi_tune.design.global_search.polish import Polish
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.samples import log_omega_of
+from fopi_tune.design.global_search.structures import quadrants_of
 from fopi_tune.design.global_search.tables import table_of, vertices
 from fopi_tune.design.global_search.worst_case import FIELDS, ROW, SLACK, V
 
@@ -85,7 +86,7 @@ def bracket_of(
         budget: cells that are looked at for each gap, of a table of three plants at a hundred frequencies.
         gaps: that are tried, in ascending order, until one is closed.
     """
-    problem, quadrants = polish.problem, quadrants_of(polish.problem)
+    problem, quadrants = polish.problem, quadrants_of(polish.problem.box)
     known, cells = [_worst(polish, x, _ACTIVE)], _whole_box(problem)
     area, looked, share, closed = _area(cells), 0, 0.0, math.inf
     wanted: tuple[Basin, ...] = ()
@@ -134,7 +135,7 @@ def excluded_share(problem: Problem, budget: int = BUDGET) -> float:
 def _whole_box(problem: Problem) -> Array:
     """A cell for each quadrant."""
     box, cells = problem.box, []
-    for z in range(len(quadrants_of(problem))):
+    for z in range(len(quadrants_of(problem.box))):
         low = 0.5 * math.pi if box.kp_low == box.kp_high == 0.0 else 0.0
         high = 0.0 if box.ki_low == box.ki_high == 0.0 else 0.5 * math.pi
         shape = (box.alpha_low, box.alpha_high)
@@ -168,7 +169,7 @@ def _left(
     room = np.zeros((len(cells) + 2 * budget + 2, cells.shape[1]))
     room[: len(cells)] = cells
     first, last, looked = branch(
-        problem.code, target, quadrants_of(problem), room, len(cells), budget, table, rows, box, work_for(table),
+        problem.code, target, quadrants_of(problem.box), room, len(cells), budget, table, rows, box, work_for(table),
     )  # fmt: skip
     return room[first:last], looked
 

@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from fopi_tune.core.bode_form import Array
 from fopi_tune.core.loops import Plants
 from fopi_tune.design.constraints import Bound
-from fopi_tune.design.global_search.basins import scan_box
+from fopi_tune.design.global_search.basins import WORTH, scan_box
 from fopi_tune.design.global_search.polish import Counts, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.worst_case import ROW, SLACK
 from fopi_tune.design.measured.polish import polish_of
 from fopi_tune.design.measured.problem import MeasuredProblem
 from fopi_tune.design.reasons import Reason, describe, has_negative_gain
@@ -22,34 +26,34 @@ from fopi_tune.results.status import Relaxation, Status
 from fopi_tune.spec.model import DesignSpec
 
 #: natural units; requirements that are missed by no more can hold together
-_MET = 1e-6
+MET = 1e-6
 _BASINS = 2
 _COARSE = 2.0
 _UNSTABLE = "no gains within their ranges were found that give every plant of the family a stable loop"
 _NEAREST = "the requirements can be met, but Ipopt did not converge on the objective; try narrower gain ranges"
 
 
-def explain(problem: Problem, excluded: str, counts: Counts) -> Candidate:
+def explain(problem: Problem, excluded: str, nearest: Polished | None, counts: Counts) -> Candidate:
     """The candidate of a spec for which the search found no gains.
 
     Args:
         problem: the problem.
         excluded: how completely the box was searched, in words; empty when it was not asked.
+        nearest: gains at which the largest miss is smallest; None where all leave a plant unstable.
         counts: of the search so far.
     """
-    spec, everything = problem.spec, frozenset(range(len(problem.spec.requirements)))
+    spec, everything = problem.spec, problem.every_requirement
     nothing = tuple(None for _ in spec.requirements)
-    nearest = least_missed(problem, everything, frozenset(), counts)
     if nearest is None:
         return Candidate(Status.INFEASIBLE, None, nothing, (), _unstable(problem), counts.solves)
     gains = problem.gains(nearest.x)
-    if nearest.cost <= _MET:
+    if nearest.cost <= MET:
         return Candidate(Status.FAILED, gains, nothing, (), _NEAREST, counts.solves)
     clash = everything
     for requirement in sorted(everything):
         rest = clash - {requirement}
-        without = least_missed(problem, rest, everything - rest, counts) if rest else None
-        if without is not None and without.cost > _MET:
+        without = least_missed(problem, rest, everything - rest, counts, MET) if rest else None
+        if without is not None and without.cost > MET:
             clash = rest
     relaxations = tuple(relaxation_alone(problem, requirement, counts) for requirement in sorted(clash))
     message = _message(spec, clash) + (f"; {excluded}" if excluded else "")
@@ -59,7 +63,7 @@ def explain(problem: Problem, excluded: str, counts: Counts) -> Candidate:
 def explain_reason(problem: Problem, reason: Reason) -> Candidate:
     """The candidate of a spec that a formula refuses: its nearest gains and the relaxations needed."""
     counts, spec = Counts(), problem.spec
-    everything = frozenset(range(len(spec.requirements)))
+    everything = problem.every_requirement
     nearest = least_missed(problem, everything - reason.unattainable, reason.unattainable, counts)
     relaxations = tuple(
         Relaxation(r, None, None) if r in reason.unattainable else relaxation_alone(problem, r, counts)
@@ -70,21 +74,36 @@ def explain_reason(problem: Problem, reason: Reason) -> Candidate:
     return Candidate(Status.INFEASIBLE, gains, nothing, relaxations, reason.message, counts.solves)
 
 
+def nearest_of(problem: Problem, counts: Counts) -> Polished | None:
+    """The gains at which the largest miss is smallest; None where all that were found leave a plant unstable."""
+    return least_missed(problem, problem.every_requirement, frozenset(), counts)
+
+
 def least_missed(
-    problem: Problem, free: frozenset[int], dropped: frozenset[int], counts: Counts
+    problem: Problem, free: frozenset[int], dropped: frozenset[int], counts: Counts, enough: float = -math.inf
 ) -> Polished | None:  # fmt: skip
     """The gains at which the largest miss of the requirements in `free` is smallest; its cost is that miss.
 
     None where no gains were found at which all others hold.
+
+    Args:
+        problem: the problem.
+        free, dropped: requirements that may be missed, and that are left out.
+        counts: of the work so far.
+        enough: a miss; gains without a larger one are not improved.
     """
     question = problem.missing(free, dropped)
     polish = polish_of(question, counts)
     best: Polished | None = None
-    for basin in scan_box(question, _BASINS, _COARSE).basins:
-        found = polish.run(basin.gains)
+    for basin in scan_box(question, _BASINS, _COARSE, enough).basins:
+        if best is not None and basin.cost > best.cost + WORTH * max(abs(best.cost), 0.05):
+            continue
+        found = polish.unchanged(basin.gains) if basin.cost <= enough else None
+        if found is None or found.cost > enough:
+            found = polish.run(basin.gains, rival=best)
         if found is not None and (best is None or found.cost < best.cost):
             best = found
-        if best is not None and best.cost <= _MET:
+        if best is not None and best.cost <= MET:
             break
     return best
 
@@ -107,17 +126,40 @@ def moved_limit(polish: Polish, found: Polished, requirement: int) -> tuple[floa
         found: its answer.
         requirement: index in the spec's list.
     """
-    missed, best = polish.misses(found.x), (0.0, 0.0, 0.0)
+    missed, best = misses(polish, found.x), (0.0, 0.0, 0.0)
     for k, constraint in enumerate(polish.problem.constraints):
         if constraint.requirement != requirement or missed[k] <= best[0]:
             continue
         side = float(constraint.bound.value)
         if constraint.bound is Bound.EQUAL:
-            side = 1.0 if polish.is_closer(found.x, k, 1.0) else -1.0
+            side = 1.0 if is_closer(polish, found.x, k, 1.0) else -1.0
         limit = constraint.quantity.from_natural(constraint.limit + side * missed[k] / constraint.scale)
         if math.isfinite(limit):
             best = float(missed[k]), limit, abs(limit - constraint.limit_public)
     return None if best[0] == 0.0 else (best[1], best[2])
+
+
+def misses(polish: Polish, x: Array) -> Array:
+    """By how much each requirement's row is missed at gains, natural units, 0 where it is met; shape (rows,)."""
+    found, missed = polish.look(x), np.zeros(polish.real_rows)
+    for finding in [] if found is None else found:
+        q = int(finding[ROW])
+        if q < polish.real_rows:
+            missed[q] = max(missed[q], -finding[SLACK])
+    return missed
+
+
+def is_closer(polish: Polish, x: Array, row: int, side: float) -> bool:
+    """Whether an equality's limit moved to a side (1 up, -1 down) would be missed by less."""
+    before = misses(polish, x)[row]
+    rows = polish.rows
+    step = side * min(1e-3, 0.5 * before) / float(rows.scale[row])
+    limit = rows.limit.copy()
+    limit[row] += step
+    polish.rows = rows._replace(limit=limit)
+    after = misses(polish, x)[row]
+    polish.rows = rows
+    return bool(after < before)
 
 
 def has_wrong_sign(problem: Problem) -> bool:

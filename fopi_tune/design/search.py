@@ -15,12 +15,12 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.stability import is_stable
 from fopi_tune.design.bracket import bracket_of, excluded_share
 from fopi_tune.design.constraints import STABILITY_GUARD, Bound
-from fopi_tune.design.global_search.basins import Basin, scan_box
-from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, ENDLESS, KI, MARGIN_SPREAD
+from fopi_tune.design.global_search.basins import WORTH, Basin, scan_box
+from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS, KI
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.global_search.structures import LARGEST_GAIN
-from fopi_tune.design.infeasible import explain, has_wrong_sign
+from fopi_tune.design.infeasible import MET, explain, has_wrong_sign, nearest_of
 from fopi_tune.design.measured.polish import polish_of
 from fopi_tune.design.measured.problem import MeasuredProblem
 from fopi_tune.digital.implementation import nominal_crossover
@@ -35,12 +35,12 @@ _log = logging.getLogger(__name__)
 _BASINS = 3
 #: factor on the distance between rays where gains close to the optimum are known
 _COARSE = 2.0
-#: of the best cost (or of 0.05): a basin that is worse by more on the scan's table is not polished
-_WORTH = 0.03
 #: natural units; costs that differ by less are the same
 _SAME = 1e-9
 #: of spreads, which an equality and a narrow region leave far from their minimum on the scan's rays
 _WORTH_OF_SPREADS = 0.4
+#: of the cost (or of 0.05): more than the scan's table is inexact by
+_WORSE = 2e-4
 #: radii of the polish when its result is worse than the scan's
 _NEARER = (0.1, 0.03)
 #: of objectives that are a largest member: from natural units to public ones
@@ -65,8 +65,6 @@ _ONLY_WITHOUT_INTEGRAL = (
 _MOST_CROSSOVERS = 8
 #: of the largest gain: a derivative with which a search goes on from gains without one
 _FIRST_DERIVATIVE = 0.05
-#: of the size of each gain: those that are this much apart are polished on their own
-_FAR = 0.23
 #: multipliers beyond this say only that limits coincide
 _NO_PRICE = 1e5
 
@@ -97,7 +95,7 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
     problem = polish.problem
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
         excluded = share_in_words(excluded_share(problem)) if bracket and problem.has_bound else ""
-        return explain(problem, excluded, polish.counts)
+        return explain(problem, excluded, polish.nearest or nearest_of(problem, polish.counts), polish.counts)
     if problem.code == KI and best.x[1] == 0.0 and problem.box.ki_high > 0.0 and has_wrong_sign(problem):
         nothing = tuple(None for _ in problem.spec.requirements)
         return Candidate(Status.INFEASIBLE, None, nothing, (), _ONLY_WITHOUT_INTEGRAL, polish.counts.solves)
@@ -116,22 +114,13 @@ def beyond_doubt(polish: Polish, best: Polished) -> tuple[Polished, float | None
         before = best.cost
         _log.debug("bracket: gap %.3g, %d starts in what is left", bracket.gap, len(bracket.starts))
         for start in bracket.starts:
-            if _is_far(polish.problem, start.gains, best.x):
-                found = polish.run(start.gains, hopeless=before)
+            if polish.problem.structure.are_apart(start.gains, best.x):
+                found = polish.run(start.gains, hopeless=before, rival=best)
                 if found is not None and found.cost < best.cost and _is_stable(polish.problem, found):
                     best = found
         if best.cost >= before - _BETTER * max(abs(before), 0.05):
             return best, bracket.gap if math.isfinite(bracket.gap) else None
     return best, None
-
-
-def _is_far(problem: Problem, one: Array, other: Array) -> bool:
-    """Whether a polish from one may end elsewhere than at the other."""
-    structure = problem.structure
-    near = 0.05 + 0.1 * np.abs(other)
-    # small gains are compared by their size
-    near[: structure.linear] = np.minimum(near, _FAR * structure.units(other))[: structure.linear]
-    return bool(np.any(((one == 0.0) != (other == 0.0)) | (np.abs(one - other) > near)))
 
 
 def share_in_words(excluded: float) -> str:
@@ -178,9 +167,8 @@ def best_of_box(polish: Polish, start: FoPi | None = None) -> Polished | None:
     _log.debug("scan: basins of cost %s", [float(f"{basin.cost:.4g}") for basin in scan.basins])
     # a basin about a local optimum that is known has nothing else
     known = None if best is None or not best.settled else best.x
-    new = [basin for basin in scan.basins if known is None or _is_far(polish.problem, basin.gains, known)]
-    best = polish_basins(polish, new, best) or _along_valley(polish, new)
-    return _with_derivative(polish, best)
+    new = [basin for basin in scan.basins if known is None or polish.problem.structure.are_apart(basin.gains, known)]
+    return _with_derivative(polish, polish_basins(polish, new, best) or _along_valley(polish, new))
 
 
 def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
@@ -189,9 +177,11 @@ def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
     Two equalities leave a narrow valley, whose end may be where a crossing appears at once: from beyond it a step for
     the objective and the equalities together leads away.
     """
+    polish.nearest = nearest_of(polish.problem, polish.counts)
+    if polish.nearest is None or polish.nearest.cost > MET:
+        return None
     problem, best = polish.problem, None
-    everything = frozenset(range(len(problem.spec.requirements)))
-    question = polish_of(problem.missing(everything, frozenset()), polish.counts)
+    question = polish_of(problem.missing(problem.every_requirement, frozenset()), polish.counts)
     for basin in basins:
         near = question.run(basin.gains)
         found = polish.walk(near.x) if near is not None and near.cost <= MEETS else None
@@ -224,25 +214,37 @@ def inside(problem: Problem, x: Array) -> Array:
 
 def polish_basins(polish: Polish, basins: Sequence[Basin], best: Polished | None = None) -> Polished | None:
     """The best local optimum of basins, those left out that are clearly worse than one that is known."""
-    spread = polish.problem.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
     for basin in basins:
-        worth = (_WORTH_OF_SPREADS if spread else _WORTH) * max(abs(basin.cost), 0.05)
-        if best is not None and (basin.cost > best.cost + worth or _is_floor(best, basin)):
+        worth = (_WORTH_OF_SPREADS if polish.is_spread else WORTH) * max(abs(basin.cost), 0.05)
+        if best is not None and (basin.cost > best.cost + worth or _is_floor(polish.problem, best, basin)):
             continue
-        found = polish.run(basin.gains)
+        found = polish.run(basin.gains, rival=best)
         _log.debug("polish: cost %s, %d solves so far", None if found is None else found.cost, polish.counts.solves)
-        for radius in _NEARER:
-            if found is not None and ((found.settled and found.cost <= basin.cost + worth) or _is_floor(found, basin)):
+        for radius in _NEARER if found is not best else ():
+            x = basin.gains if found is None else found.x
+            if found is not None and found.settled:
+                if radius != _NEARER[0] or not _has_left(polish.problem, found, basin):
+                    break
+                x = basin.gains
+            elif found is not None and (best is not None and found.cost > best.cost + worth):
                 break
-            nearer = polish.run(basin.gains if found is None else found.x, radius)
+            if found is not None and _is_floor(polish.problem, found, basin):
+                break
+            nearer = polish.run(x, radius, rival=found)
             if nearer is not None and (found is None or nearer.cost < found.cost):
                 found = nearer
-        if polish.problem.structure.has_orders and _is_known(best, found):
+        if found is best or (polish.problem.structure.has_orders and _is_known(best, found)):
             continue
         found = _on_axis(polish, found)
         if found is not None and (best is None or found.cost < best.cost) and _is_stable(polish.problem, found):
             best = found
     return best
+
+
+def _has_left(problem: Problem, found: Polished, basin: Basin) -> bool:
+    """Whether the first step led out of a basin to a worse optimum than the basin's gains on the scan's table."""
+    worse = found.cost > basin.cost + _WORSE * max(abs(basin.cost), 0.05)
+    return worse and problem.structure.are_apart(found.x, basin.gains)
 
 
 def _is_known(best: Polished | None, found: Polished | None) -> bool:
@@ -252,12 +254,13 @@ def _is_known(best: Polished | None, found: Polished | None) -> bool:
     return found.cost >= best.cost - _SAME and not np.any(np.abs(found.x - best.x) > 1e-3 * (1.0 + np.abs(best.x)))
 
 
-def _is_floor(best: Polished, basin: Basin) -> bool:
-    """Whether a basin's value on the scan's table is that of gains that were polished.
+def _is_floor(problem: Problem, best: Polished, basin: Basin) -> bool:
+    """Whether nothing better than gains that were polished is near a basin, as the objective is a limit there.
 
-    So exactly only where the objective is a limit that these gains do not change, as that of |C S| as omega -> 0.
+    So exactly has a basin the same value only where no gains change it.
     """
-    return abs(basin.cost - best.cost) <= _SAME
+    at_floor = problem.is_at_floor(best.cost, best.x) and basin.gains[1] != 0.0
+    return at_floor or abs(basin.cost - best.cost) <= _SAME
 
 
 def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -32,11 +31,9 @@ from fopi_tune.design.global_search.scan import (
     scan_orders,
     scan_rays,
 )
-from fopi_tune.design.global_search.structures import FRACTIONAL, box_with_orders, ray_of
+from fopi_tune.design.global_search.structures import FRACTIONAL, box_with_orders, directions_of, quadrants_of, ray_of
 from fopi_tune.design.global_search.tables import DECADES_BEYOND
 
-#: rays: so many directions for each shape
-_DIRECTIONS = 33
 _SHAPES_WITH_TWO_EQUALITIES = 61
 #: ln of how far from the grid's ends the frequency stays where both terms of the controller are equal
 _INSIDE = 1.0
@@ -44,6 +41,8 @@ _INSIDE = 1.0
 RELAXED = (0.0, 0.05, 0.3)
 #: of flat minima: this part of the cost (or of 0.05) away from the best still counts
 _NEARLY = 0.04
+#: of the best cost (or of 0.05): a basin that is worse by more on the scan's table is not polished
+WORTH = 0.03
 _LEAST_STEP = 2e-3
 _ROUNDS = 60
 #: of free orders: taus, shapes, alphas and mus of the scan; four times as many find nothing better
@@ -93,14 +92,6 @@ def reach_of(problem: Problem) -> tuple[float, float]:
     return max(most, 1.0), span
 
 
-def quadrants_of(problem: Problem) -> Array:
-    """The signs of kp, ki and kd that their ranges allow, shape (k, 3)."""
-    box = problem.box
-    ranges = ((box.kp_low, box.kp_high), (box.ki_low, box.ki_high), (box.kd_low, box.kd_high))
-    signs = [[s for s in (1.0, -1.0) if (high > 0.0 if s > 0 else low < 0.0)] or [1.0] for low, high in ranges]
-    return np.array(list(itertools.product(*signs)))
-
-
 def equalities_of(problem: Problem, rows: Rows) -> NDArray[np.int64]:
     """Indices of the equalities in the order in which they are solved.
 
@@ -112,29 +103,20 @@ def equalities_of(problem: Problem, rows: Rows) -> NDArray[np.int64]:
     return np.array(sorted(equal, key=lambda k: (first.get(int(rows.kind[k]), 2), k)), dtype=np.int64)
 
 
-def directions_of(problem: Problem) -> tuple[Array, bool]:
-    """The grid of tau, and whether it is a single one."""
-    box = problem.box
-    if box.ki_low == box.ki_high == 0.0:
-        return np.array([-1.0]), True
-    if box.kp_low == box.kp_high == 0.0 and box.kd_low == box.kd_high == 0.0:
-        return np.array([1.0]), True
-    return np.concatenate([[-1.0], np.linspace(-0.96, 0.96, _DIRECTIONS - 2), [1.0]]), False
-
-
-def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
+def scan_box(problem: Problem, most: int, coarse: float = 1.0, enough: float = -math.inf) -> Scan:
     """Scan the rays of the whole box.
 
     Args:
         problem: the problem.
         most: basins.
         coarse: factor on the distance between rays.
+        enough: a cost; where rays have no more, no better ones are looked for.
     """
     if problem.structure.has_orders:
         return _scan_with_orders(problem, most, coarse)
     box = problem.box
-    taus, fixed = directions_of(problem)
-    quadrants, (most_ratio, span) = quadrants_of(problem), reach_of(problem)
+    taus, fixed = directions_of(problem.box)
+    quadrants, (most_ratio, span) = quadrants_of(problem.box), reach_of(problem)
     structure = problem.structure
     shapes = _shapes(problem, structure.step * coarse, structure.fewest)
     table, rays = problem.scan_table, 0
@@ -161,17 +143,28 @@ def scan_box(problem: Problem, most: int, coarse: float = 1.0) -> Scan:
         return Scan((), RELAXED[-1], rays, 0.0)
     steps = (0.5 * (shapes[1] - shapes[0]) if len(shapes) > 1 else 0.0, 0.03)
     found: list[Basin] = []
+    ends: list[tuple[int, float, float]] = []
     for value, z, i, j in _minima(costs)[: 3 * most]:
+        if any(
+            z == q and abs(shapes[i] - a) <= 2.0 * steps[0] and abs(taus[j] - b) <= 2.0 * steps[1] for q, a, b in ends
+        ):
+            # next to where another search ended, which ends there as well
+            continue
+        basin = Basin(value, _gains(problem, float(shapes[i]), float(taus[j]), float(kappas[z, i, j]), quadrants[z]))
+        if value <= enough or problem.is_at_floor(value, basin.gains):
+            _offer(problem, found, basin)
+            continue
         shape, tau, value, kappa = compass(
             problem.code, np.array([shapes[i], taus[j], value + 1e-15]), np.array(steps), fixed, quadrants[z], equal,
             most_ratio, span, _LEAST_STEP, _ROUNDS, table, rows, box, work,
         )  # fmt: skip
+        ends.append((z, shape, tau))
         if kappa == 0.0:
             kappa = kappas[z, i, j]
-        _offer(found, Basin(value, _gains(problem, shape, tau, kappa, quadrants[z])))
+        _offer(problem, found, Basin(value, _gains(problem, shape, tau, kappa, quadrants[z])))
     found = sorted(found, key=lambda basin: basin.cost)[:most]
-    if problem.code not in (KI, IAE) and len(shapes) > 3:
-        found += _flat_valley(problem, found[0].cost, costs, kappas, shapes, taus, quadrants)
+    if problem.code not in (KI, IAE) and len(shapes) > 3 and found[0].cost > enough:
+        _offer_flat_valley(problem, found, costs, kappas, shapes, taus, quadrants)
     return Scan(tuple(found), relaxed, rays, float((costs < NOTHING).mean()))
 
 
@@ -198,9 +191,13 @@ def _minima(costs: Array) -> list[tuple[float, int, int, int]]:
     return sorted((float(costs[a, b, c]), int(a), int(b), int(c)) for a, b, c in zip(z, i, j, strict=True))
 
 
-def _offer(found: list[Basin], new: Basin) -> None:
+def _offer(problem: Problem, found: list[Basin], new: Basin) -> None:
+    """Add a basin, or replace its twin by it where it is better."""
+    at = problem.structure.without_idle_orders(new.gains)
+
     def same(other: Basin) -> bool:
-        return bool(np.all(np.abs(new.gains - other.gains) < 0.02 + 0.05 * np.abs(other.gains)))
+        there = problem.structure.without_idle_orders(other.gains)
+        return bool(np.all((np.abs(at - there) < 0.02 + 0.05 * np.abs(there)) & ((at == 0.0) == (there == 0.0))))
 
     twins = [k for k, other in enumerate(found) if same(other)]
     if not twins:
@@ -209,18 +206,17 @@ def _offer(found: list[Basin], new: Basin) -> None:
         found[twins[0]] = new
 
 
-def _flat_valley(
-    problem: Problem, best: float, costs: Array, kappas: Array, shapes: Array, taus: Array, quadrants: Array
-) -> list[Basin]:
+def _offer_flat_valley(
+    problem: Problem, found: list[Basin], costs: Array, kappas: Array, shapes: Array, taus: Array, quadrants: Array
+) -> None:
     """One more start from each third of the shapes: minima of a largest value are flat along a valley."""
-    more = []
+    best = found[0].cost
     for part in np.array_split(np.arange(len(shapes)), 3):
         z, i, j = np.unravel_index(np.argmin(costs[:, part, :]), costs[:, part, :].shape)
         value = float(costs[z, part[i], j])
         if value < best + _NEARLY * max(abs(best), 0.05):
             gains = _gains(problem, float(shapes[part[i]]), float(taus[j]), float(kappas[z, part[i], j]), quadrants[z])
-            more.append(Basin(value, gains))
-    return more
+            _offer(problem, found, Basin(value, gains))
 
 
 def _with_two_equalities(
@@ -236,7 +232,7 @@ def _with_two_equalities(
     work, nominal_work = work_for(table), work_for(nominal)
     shapes = _shapes(problem, 9.0, _SHAPES_WITH_TWO_EQUALITIES // (2 if at_margin else 1))
     found: list[Basin] = []
-    for signs in quadrants_of(problem):
+    for signs in quadrants_of(problem.box):
 
         def best(shapes: Array, signs: Array = signs) -> Array:
             """Cost, kappa and tau of each shape."""
@@ -264,7 +260,7 @@ def _with_two_equalities(
                     step *= 0.5
             value, kappa, tau = best(np.array([shape]))[0].tolist()
             if value < NOTHING:
-                _offer(found, Basin(float(value), _gains(problem, shape, tau, kappa, signs)))
+                _offer(problem, found, Basin(float(value), _gains(problem, shape, tau, kappa, signs)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[:most])
 
 
@@ -279,7 +275,7 @@ class _Grids:
         """Those of a problem; an order without its term has one value."""
         box, controller = problem.box, problem.spec.controller
         count = [max(int(size / coarse), 2) for size in _GRIDS]
-        taus, fixed = directions_of(problem)
+        taus, fixed = directions_of(problem.box)
         assert controller.mu is not None
         alphas = _evenly(
             controller.alpha.min, controller.alpha.max, 1 if box.ki_low == box.ki_high == 0.0 else count[2]
@@ -318,7 +314,7 @@ def _scan_with_orders(problem: Problem, most: int, coarse: float) -> Scan:
     Valleys in the orders are narrow and curved: a search from the best ray of each alpha along it, then one in all.
     """
     grids, table, rays = _Grids.of(problem, coarse), problem.scan_table, 0
-    quadrants, (most_ratio, span) = quadrants_of(problem), reach_of(problem)
+    quadrants, (most_ratio, span) = quadrants_of(problem.box), reach_of(problem)
     work, (padded, sizes), (low, high) = work_for(table), grids.padded, grids.ends
     for relaxed in RELAXED:
         rows = problem.rows(table, relaxed)
@@ -360,7 +356,7 @@ def _scan_with_orders(problem: Problem, most: int, coarse: float) -> Scan:
     for _, kappa, z, y in columns[:count]:
         found = search(y[:5], z, grids.steps, _FROM_THERE)
         at = _gains_with_orders(problem, found, float(found[5]) or kappa, quadrants[z])
-        _offer(offered, Basin(float(found[4]), at))
+        _offer(problem, offered, Basin(float(found[4]), at))
     return Scan(tuple(sorted(offered, key=lambda basin: basin.cost)), relaxed, rays, float((costs < NOTHING).mean()))
 
 
@@ -380,7 +376,7 @@ def _orders_with_two_equalities(
     work, nominal_work = work_for(problem.scan_table), work_for(nominal_of(problem.scan_table))
     taus, shapes, alphas, mus = grids.axes
     found: list[Basin] = []
-    for signs in quadrants_of(problem):
+    for signs in quadrants_of(problem.box):
         for alpha in alphas:
             best: tuple[float, Array, float] | None = None
             for mu in mus:
@@ -395,5 +391,5 @@ def _orders_with_two_equalities(
                         best = value, np.array([tau, shape, alpha, mu]), kappa
             if best is not None:
                 value, y, kappa = best
-                _offer(found, Basin(value, _gains_with_orders(problem, y, kappa, signs)))
+                _offer(problem, found, Basin(value, _gains_with_orders(problem, y, kappa, signs)))
     return tuple(sorted(found, key=lambda basin: basin.cost)[: 2 * most])

@@ -7,8 +7,7 @@ bounded to a region around the gains in which the known cases are trusted; a sta
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from fopi_tune.design.global_search.compiled import (
     PS,
     PS_PEAK,
     S_PEAK,
-    Rows,
     S,
     Table,
 )
@@ -38,7 +36,7 @@ from fopi_tune.design.global_search.controllers import controller_of
 from fopi_tune.design.global_search.families.worst import searches_of, worst_of
 from fopi_tune.design.global_search.nonlinear.program import SIZES
 from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
-from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.problem import Problem, with_objective
 from fopi_tune.design.global_search.rays import fill_ray
 from fopi_tune.design.global_search.responses import settle
 from fopi_tune.design.global_search.slots import (
@@ -67,6 +65,10 @@ from fopi_tune.errors import DomainError
 
 #: natural units; requirements that are missed by less are met, an objective that is this exact is known
 MEETS = 2e-7
+#: of a peak or spread, which `MEETS` leaves inexact: rounds go on to this part of it, not to less than (natural units)
+_EXACT, _FINEST = 1e-6, 1e-9
+#: natural units; of a smaller objective what is left shows, and every exchange counts
+_LARGE = 2e-5
 #: scaled gains; smaller ones are no controller
 _NO_CONTROLLER = 1e-9
 #: natural units; findings of requirements with more slack are not looked at
@@ -74,6 +76,8 @@ _WITHIN = 0.25
 _ROUNDS = 16
 FIRST_RADIUS = 0.5
 _SMALLEST_RADIUS = 0.005
+#: radius within which worst cases that contradict each other do so whatever the step
+_NEAR_ENOUGH = 0.045
 #: radii of steps up to gains with a new crossing: the first, the smallest; most of them
 _WALK, _SMALLEST_STEP, _MOST_STEPS = 0.01, 1e-5, 40
 #: natural units; a step that violates by more was too long
@@ -131,11 +135,15 @@ class Polish:
         problem: the problem.
         counts: the work done.
         answers: of solves, by what they were asked.
+        nearest: gains whose largest miss is smallest, where these were asked for.
+        hopeless: starts whose worst cases leave no gains near them.
     """
 
     problem: Problem
     counts: Counts = field(default_factory=Counts)
     answers: dict[tuple[object, ...], tuple[Solved, int]] = field(default_factory=dict, repr=False)
+    hopeless: set[bytes] = field(default_factory=set, repr=False)
+    nearest: Polished | None = None
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -151,6 +159,7 @@ class Polish:
             ]
         )
         self.spread = self.real_rows if self.code == MARGIN_SPREAD else len(self.rows.kind)
+        self.is_spread = self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
         self.width = self.table.points.shape[1]
         self.searches = searches_of(problem, self.table, self.rows, self.real_rows)
         # of the nominal plant, which is the first of the first
@@ -182,27 +191,6 @@ class Polish:
         must = self.in_t[findings[:, ROW].astype(int)] == 0.0
         return max(0.0, float(np.max(-findings[must, SLACK], initial=0.0)))
 
-    def misses(self, x: Array) -> Array:
-        """By how much each requirement's row is missed at gains, natural units, 0 where it is met; shape (rows,)."""
-        found, missed = self.look(x), np.zeros(self.real_rows)
-        for finding in [] if found is None else found:
-            q = int(finding[ROW])
-            if q < self.real_rows:
-                missed[q] = max(missed[q], -finding[SLACK])
-        return missed
-
-    def is_closer(self, x: Array, row: int, side: float) -> bool:
-        """Whether an equality's limit moved to a side (1 up, -1 down) would be missed by less."""
-        before = self.misses(x)[row]
-        rows = self.rows
-        step = side * min(1e-3, 0.5 * before) / float(rows.scale[row])
-        limit = rows.limit.copy()
-        limit[row] += step
-        self.rows = rows._replace(limit=limit)
-        after = self.misses(x)[row]
-        self.rows = rows
-        return bool(after < before)
-
     def cost(self, findings: Array, x: Array) -> float:
         """The exact cost of gains from their worst cases."""
         if self.code == KI:
@@ -212,28 +200,36 @@ class Polish:
             return -float(np.min(findings[self.in_t[rows] > 0.0, SLACK], initial=ENDLESS))
         return float(np.max(-findings[self.in_t[rows] < 0.0, SLACK], initial=-NOTHING))
 
-    def run(self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf) -> Polished | None:
+    def run(
+        self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf, rival: Polished | None = None
+    ) -> Polished | None:  # fmt: skip
         """Exchange from scaled gains; None when nothing that meets everything was found.
 
         Args:
             x: the start.
             radius: of the first step, relative to the gains.
             hopeless: a cost; a result on the edge of its region with more is not improved further.
+            rival: a local optimum; the result of an exchange that comes close to it before it ends.
         """
-        found = self.look(x)
+        start = x.tobytes()
+        found = self.look(x) if start not in self.hopeless else None
         if found is None:
             return None
-        t, known, pool, stalled = self._t_of(self.cost(found, x)), None, [], 0
-        freed = _MOST_FREED
-        dropped: list[Array] = []
-        if self.violation(found) <= MEETS:
-            known = Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan))
+        t, known, pool, stalled = self._t_of(self.cost(found, x)), self._met(found, x), [], 0
+        freed, dropped, gap = _MOST_FREED, list[Array](), math.inf
+        if known is not None and self.problem.is_at_floor(known.cost, x):
+            return replace(known, prices=np.zeros(self.real_rows), settled=True)  # no limit has a price
         for count in range(1, _ROUNDS + 1):
             pool = merged(pool, found)
             solved, cuts = self._solve(pool, x, t, radius)
             after = self.look(solved.x) if solved.ok else None
             if after is None:
-                radius, pool = 0.3 * radius, merged([], found)
+                contradict = solved.is_infeasible and known is None and len(pool) <= len(found)
+                if contradict and radius <= _NEAR_ENOUGH:
+                    self.hopeless.add(start)
+                    break
+                # what has no solution in a region has seldom one in a part of it: the smallest that it takes to see
+                radius, pool = min(0.3 * radius, _NEAR_ENOUGH if contradict else math.inf), merged([], found)
                 if radius < _SMALLEST_RADIUS:
                     break
                 continue
@@ -243,12 +239,18 @@ class Polish:
                 # a look sees the deepest of neighbours alone
                 pool, x, found, t = [*pool, *missed], solved.x, after, self._t_of(cost)
                 continue
-            if violation <= MEETS and self._gap(cost, solved) <= MEETS:
+            if violation <= MEETS and self.problem.is_at_floor(cost, solved.x):
+                return Polished(cost, solved.x, np.zeros(self.real_rows), count, cuts, True)
+            gap, before = self._gap(cost, solved), gap
+            if violation <= MEETS and gap <= MEETS:
                 if known is None or cost <= known.cost + 1e-9 * max(1.0, abs(cost)):
                     known = Polished(cost, solved.x, solved.prices, count, cuts, not solved.on_boundary)
                 x, found, t = solved.x, after, solved.t
                 if cost > hopeless:
                     break
+                is_coarse = self.code in OBJECTIVE_ROWS and _FINEST < _EXACT * abs(cost) < gap < 0.5 * before
+                if is_coarse and not solved.on_boundary:
+                    continue
                 if solved.blocking and not solved.on_boundary and self.problem.structure.has_orders and freed > 0:
                     dropped += [f for f in [*pool, *after] if _is_of(f, solved.blocking)]
                     found = np.array([f for f in after if not _is_of(f, solved.blocking)])
@@ -262,6 +264,8 @@ class Polish:
             if violation > _TOO_FAR:
                 radius, pool = 0.4 * radius, merged(pool, after)
                 continue
+            if rival is not None and not solved.on_boundary and self._leads_to(rival, solved.x, known, violation, cost):
+                return rival
             stalled = stalled + 1 if self._stalls(known, cost, violation) else 0
             if stalled == _MOST_STALLED:
                 break
@@ -270,11 +274,16 @@ class Polish:
 
     def walk(self, x: Array) -> Polished | None:
         """Better gains in short steps from some that meet everything; None where these do not."""
-        found = self.look(x)
-        if found is None or self.violation(found) > MEETS:
-            return None
-        cost = self.cost(found, x)
-        return self._walked(Polished(cost, x, np.full(self.real_rows, np.nan)), found, self._t_of(cost))
+        found, known = self.look(x), self.unchanged(x)
+        return None if found is None or known is None else self._walked(known, found, self._t_of(known.cost))
+
+    def unchanged(self, x: Array) -> Polished | None:
+        """Gains as they are; None where they do not meet everything."""
+        return None if (found := self.look(x)) is None else self._met(found, x)
+
+    def _met(self, found: Array, x: Array) -> Polished | None:
+        met = self.violation(found) <= MEETS
+        return Polished(self.cost(found, x), x, np.full(self.real_rows, np.nan)) if met else None
 
     def _violated(self, x: Array, findings: list[Array]) -> list[Array]:
         """Those of older findings that are violated at gains where their peaks or crossings are now."""
@@ -290,6 +299,12 @@ class Polish:
             if q < self.real_rows and inner_slack(rows.side[q], rows.limit[q], rows.scale[q], value) < -MEETS:
                 kept.append(f)
         return kept
+
+    def _leads_to(self, rival: Polished, x: Array, known: Polished | None, violation: float, cost: float) -> bool:
+        """Whether gains lead to a local optimum, and nothing better is known."""
+        least = min(math.inf if known is None else known.cost, cost if violation <= MEETS else math.inf)
+        settled = rival.settled and abs(rival.cost) > _LARGE and least >= rival.cost
+        return settled and not self.problem.structure.are_apart(x, rival.x)
 
     def _stalls(self, known: Polished | None, cost: float, violation: float) -> bool:
         """Whether a solve that promised better gains ended at none: at a limit that no gains change.
@@ -357,15 +372,13 @@ class Polish:
         slots = [slot for slot in slots if not any(slot is other for other in surplus)][: SIZES[-1]]
         size = next(s for s in SIZES if s >= len(slots))
         self.counts.solves += 1
-        return solve(self.problem, self.code, slots, self._errors(pool), x, t, radius, size, self.real_rows), len(slots)
-
-    def _errors(self, pool: list[Array]) -> Array:
-        return error_rows(pool, self.rows, self.problem.scaled, self.problem.box.log_horizon)
+        errors = error_rows(pool, self.rows, self.problem.scaled, self.problem.box.log_horizon)
+        return solve(self.problem, self.code, slots, errors, x, t, radius, size, self.real_rows), len(slots)
 
     def _first_slot(self, x: Array, table: Table) -> Slot:
         """The nominal plant's crossover where a spread needs it, else an idle slot."""
         nominal = table.members[0]
-        if self.code not in (MARGIN_SPREAD, CROSSOVER_SPREAD):
+        if not self.is_spread:
             return idle_slot(nominal)
         fill_ray(x[2], x[0], x[1], table, self.work)
         if self.code == MARGIN_SPREAD:
@@ -378,21 +391,3 @@ class Polish:
 def _is_of(finding: Array, places: tuple[tuple[int, float], ...]) -> bool:
     """Whether a finding is of one of these rows and v."""
     return any(finding[ROW] == row and abs(finding[V] - v) < _SAME_PLACE for row, v in places)
-
-
-def with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Any) -> Rows:
-    """The rows of requirements, `own`, then those of the objective, `more` with kind and side, on a `table`."""
-    if not more:
-        return own
-    count, last = len(more), len(table.v) - 1
-
-    def joined(a: Any, b: Any) -> Any:
-        return np.concatenate([a, np.array(b, dtype=np.asarray(a).dtype)])
-
-    return Rows(
-        joined(own.kind, [kind for kind, _ in more]), joined(own.side, [side for _, side in more]),
-        joined(own.limit, [0.0] * count), joined(own.nominal, [False] * count), joined(own.first, [0] * count),
-        joined(own.last, [last] * count), joined(own.scale, [1.0] * count), joined(own.in_depth, [False] * count),
-        joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
-        joined(own.soft, [False] * count), joined(own.tilt, [0.0] * count),
-    )  # fmt: skip

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from fopi_tune.design.global_search.compiled import (
 from fopi_tune.design.global_search.samples import Samples
 from fopi_tune.design.global_search.structures import LARGEST_GAIN, Structure
 from fopi_tune.design.global_search.tables import Scaled, box_grid, frequency_grid, table_of, vertices
+from fopi_tune.design.reasons import low_frequency_control_gain
 from fopi_tune.digital import sections_of
 from fopi_tune.digital.discretize import Method
 from fopi_tune.digital.implementation import designed_implementation
@@ -50,6 +52,8 @@ from fopi_tune.spec.model import DesignSpec, GainRange
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
+#: natural units
+_SAME_COST = 1e-9
 #: relative
 _SAME_CROSSOVER = 1e-9
 #: tables that are kept: two a problem
@@ -132,6 +136,11 @@ class Problem:
         """The same plants and tables with the limits of another spec."""
         other = replace(self, spec=spec, constraints=_needed(constraints_of(spec)))
         return self._share_tables(other)
+
+    @property
+    def every_requirement(self) -> frozenset[int]:
+        """Indices of all requirements."""
+        return frozenset(range(len(self.spec.requirements)))
 
     @property
     def needs_crossover(self) -> bool:
@@ -327,6 +336,18 @@ class Problem:
             last |= members[:, COEFFICIENTS + WIDTH - 1] > 0.0
         return bool(np.any(last)) and self.spec.controller.ki.min <= 0.0 <= self.spec.controller.ki.max
 
+    @cached_property
+    def floor(self) -> float:
+        """No gains with ki other than 0 cost less: that of |C S| as omega -> 0, which no gains change."""
+        if self.code != CS_PEAK:
+            return -math.inf
+        plants = Plants.members(self.spec.plant, self.fine_points[0])
+        return low_frequency_control_gain(plants) + self.peak_offset
+
+    def is_at_floor(self, cost: float, x: Array) -> bool:
+        """Whether gains with an integral cost as little as any of them."""
+        return bool(x[1] != 0.0) and cost <= self.floor + _SAME_COST
+
     @property
     def peak_offset(self) -> float:
         """What ln|C S| or ln|P S| in scaled numbers is larger by than in the user's unit."""
@@ -354,3 +375,21 @@ class Problem:
 def _needed(constraints: tuple[Constraint, ...]) -> tuple[Constraint, ...]:
     """Without the guard of the phase margin, which the search has no use for: it counts stability itself."""
     return tuple(c for c in constraints if c.requirement != STABILITY_GUARD or c.bound is Bound.UPPER)
+
+
+def with_objective(own: Rows, more: tuple[tuple[int, int], ...], table: Table) -> Rows:
+    """The rows of requirements, `own`, then those of the objective, `more` with kind and side, on a `table`."""
+    if not more:
+        return own
+    count, last = len(more), len(table.v) - 1
+
+    def joined(a: Any, b: Any) -> Any:
+        return np.concatenate([a, np.array(b, dtype=np.asarray(a).dtype)])
+
+    return Rows(
+        joined(own.kind, [kind for kind, _ in more]), joined(own.side, [side for _, side in more]),
+        joined(own.limit, [0.0] * count), joined(own.nominal, [False] * count), joined(own.first, [0] * count),
+        joined(own.last, [last] * count), joined(own.scale, [1.0] * count), joined(own.in_depth, [False] * count),
+        joined(own.low_v, [-math.inf] * count), joined(own.high_v, [math.inf] * count),
+        joined(own.soft, [False] * count), joined(own.tilt, [0.0] * count),
+    )  # fmt: skip

@@ -53,16 +53,22 @@ def best_in_interval(code, low, high, deep, third, c, s, table, rows, box, work)
         return best, at
     step = (high - low) / (count - 1)
     a, b = max(low, at - step), min(high, at + step)
-    for _ in range(deep):
-        x, y = a + _GOLDEN * (b - a), b - _GOLDEN * (b - a)
-        at_x = cost(code, x, third, c, s, table, rows, box, work)
-        at_y = cost(code, y, third, c, s, table, rows, box, work)
-        if at_x < at_y:
-            b = y
-        else:
-            a = x
+    x, y = a + _GOLDEN * (b - a), b - _GOLDEN * (b - a)
+    at_x = cost(code, x, third, c, s, table, rows, box, work)
+    at_y = cost(code, y, third, c, s, table, rows, box, work)
+    for section in range(deep):
         if min(at_x, at_y) < best:
             best, at = (at_x, x) if at_x < at_y else (at_y, y)
+        if section == deep - 1:
+            break
+        if at_x < at_y:
+            b, y, at_y = y, x, at_x
+            x = a + _GOLDEN * (b - a)
+            at_x = cost(code, x, third, c, s, table, rows, box, work)
+        else:
+            a, x, at_x = x, y, at_y
+            y = b - _GOLDEN * (b - a)
+            at_y = cost(code, y, third, c, s, table, rows, box, work)
     return best, at
 
 

@@ -20,6 +20,7 @@ Source: derived.
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -30,10 +31,16 @@ from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.design.global_search.compiled import Box, Sampling, Table, compiled, entry
 from fopi_tune.design.global_search.controllers import order_of
 
+#: rays: so many directions for each shape
+_DIRECTIONS = 33
 #: neper: the part of the reach of directions that does not depend on the order
 _BASE = 2.5
 #: r of (3), and the largest |ln tan(theta)| between the ends
 _REACH, _MOST = 2.0, 9.0
+#: of the largest gain: a term without an influence
+_IDLE = 1e-3
+#: of the size of each gain: those that are this much apart are polished on their own
+_FAR = 0.23
 #: scaled gains beyond this are taken for unbounded
 LARGEST_GAIN = 1e6
 
@@ -91,6 +98,22 @@ class Structure(NamedTuple):
         unit = max(self.size(x), 1e-12)
         return np.concatenate([np.maximum(np.abs(x[: self.linear]), 0.1 * unit), np.ones(len(x) - self.linear)])
 
+    def without_idle_orders(self, x: Array) -> Array:
+        """With 0 in place of orders whose terms are so small that they hardly matter."""
+        found, idle = x.copy(), np.abs(x) <= _IDLE * self.size(x)
+        if self.linear < 3 and idle[1]:
+            found[2] = 0.0
+        elif self.has_orders:
+            found[3:] = np.where(idle[1:3], 0.0, x[3:])
+        return found
+
+    def are_apart(self, one: Array, other: Array) -> bool:
+        """Whether a polish from one may end elsewhere than at the other."""
+        near = 0.05 + 0.1 * np.abs(other)
+        # small gains are compared by their size
+        near[: self.linear] = np.minimum(near, _FAR * self.units(other))[: self.linear]
+        return bool(np.any(((one == 0.0) != (other == 0.0)) | (np.abs(one - other) > near)))
+
     def reach(self, z: Array) -> Array:
         """How far the solver's unknowns may go from z by a region of radius 1."""
         return np.concatenate([0.3 + np.abs(z[: self.linear]), np.full(len(z) - self.linear, 0.5)])
@@ -99,6 +122,22 @@ class Structure(NamedTuple):
 FRACTIONAL = Structure(("kp", "ki", "alpha"), 2, 0.07, 7)
 WITH_DERIVATIVE = Structure(("kp", "ki", "kd"), 3, 0.13, 2)
 WITH_ORDERS = Structure(("kp", "ki", "kd", "alpha", "mu"), 3, 0.3, 2)
+
+
+def quadrants_of(box: Box) -> Array:
+    """The signs of kp, ki and kd that their ranges allow, shape (k, 3)."""
+    ranges = ((box.kp_low, box.kp_high), (box.ki_low, box.ki_high), (box.kd_low, box.kd_high))
+    signs = [[s for s in (1.0, -1.0) if (high > 0.0 if s > 0 else low < 0.0)] or [1.0] for low, high in ranges]
+    return np.array(list(itertools.product(*signs)))
+
+
+def directions_of(box: Box) -> tuple[Array, bool]:
+    """The grid of tau, and whether it is a single one."""
+    if box.ki_low == box.ki_high == 0.0:
+        return np.array([-1.0]), True
+    if box.kp_low == box.kp_high == 0.0 and box.kd_low == box.kd_high == 0.0:
+        return np.array([1.0]), True
+    return np.concatenate([[-1.0], np.linspace(-0.96, 0.96, _DIRECTIONS - 2), [1.0]]), False
 
 
 @compiled

@@ -45,6 +45,12 @@ _NEAR = 0.1
 def extreme_of_band(kind, largest, tilt, kappa, i, first, last, table, work):
     """The largest or smallest ln of |S|, |T|, |C S|, |P S| or |L| over columns, less tilt ln(omega/omega_s)."""
     k = math.exp(kappa)
+    if kind == S and tilt == 0.0:
+        low, high = np.inf, -np.inf
+        for j in range(first, last + 1):
+            square = 1.0 + k * (2.0 * work.real[i, j] + k * work.square[i, j])
+            low, high = min(low, square), max(high, square)
+        return -0.5 * math.log(max(low if largest else high, 1e-300))
     best = -np.inf if largest else np.inf
     for j in range(first, last + 1):
         if kind == LOOP_GAIN:
@@ -55,7 +61,8 @@ def extreme_of_band(kind, largest, tilt, kappa, i, first, last, table, work):
                 value *= work.square[i, j]
             elif kind == CS:
                 value *= work.controller[1, j] ** 2 + work.controller[2, j] ** 2
-                value *= math.exp(2.0 * table.filter_gain[j])
+                if table.filter_gain[j] != 0.0:
+                    value *= math.exp(2.0 * table.filter_gain[j])
             elif kind == PS:
                 value *= math.exp(2.0 * table.plant_gain[i, j])
         if tilt != 0.0:

@@ -57,6 +57,8 @@ _MOST_OF_A_ROW = 4
 _APART = 0.6
 #: tan(omega Ts/2) beyond which responses are so flat that an equation of a peak does not hold its frequency
 _AT_NYQUIST = 1e2
+#: |ln|L|| beyond which |T| or |S| is 1, and a peak of it rounding: an equation of it holds nothing
+_PLATEAU = 14.0
 #: the plant is found to this part of the grid's spacing
 _CLOSE = 2e-4
 
@@ -365,7 +367,10 @@ def worst_cases(x, table, rows, family, low, high, spacing, horizon, within, rea
                 best = inner_slack(int(way), limit, scale, value)
             if kind <= LOOP_GAIN and j == 0:
                 best = min(best, dip[0])  # the limit omega -> 0, which a slow integral approaches below the table
-            if mode == AT_PEAK and (not low_v + 1e-9 < v < high_v - 1e-9 or half * math.exp(v) > _AT_NYQUIST):
+            flat = (kind == T and work.gain[i, j] > _PLATEAU) or (kind == S and work.gain[i, j] < -_PLATEAU)
+            if not low_v + 1e-9 < v < high_v - 1e-9 or half * math.exp(v) > _AT_NYQUIST:
+                flat = True
+            if mode == AT_PEAK and flat:
                 mode = AT_FIXED
             twin = False
             for t in range(begin, total):

@@ -19,9 +19,8 @@ from fopi_tune.design.global_search.polish import (
     Counts,
     Polish,
     Polished,
-    with_objective,
 )
-from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.problem import Problem, with_objective
 from fopi_tune.design.global_search.slots import Slot, error_rows, idle_slot, order_of
 from fopi_tune.design.global_search.worst_case import FIELDS, MODE, ROW, V
 from fopi_tune.design.measured.problem import MeasuredProblem
@@ -61,21 +60,25 @@ class MeasuredPolish(Polish):
         depth = own.in_depth * 1.0 if self.code == DEPTH else np.zeros(self.real_rows)
         self.in_t = np.concatenate([depth, -np.ones(len(self.rows.kind) - self.real_rows)])
         self.spread = self.real_rows if self.code == MARGIN_SPREAD else len(self.rows.kind)
+        self.is_spread = self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
         self.width = 1
 
     def _loops(self, x: Array) -> list[MeasuredLoop]:
         return self.measured.measured_loops(self.problem.gains(x))
 
-    def run(self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf) -> Polished | None:
+    def run(
+        self, x: Array, radius: float = FIRST_RADIUS, hopeless: float = math.inf, rival: Polished | None = None
+    ) -> Polished | None:  # fmt: skip
         """The exchange; where that of the smallest radius does not settle, as among peaks of noise, a pattern search.
 
         Args:
             x: the start.
             radius: of the first step, relative to the gains.
             hopeless: a cost; a result with more is not improved further.
+            rival: a local optimum, the result of an exchange that comes close to it.
         """
-        found = super().run(x, radius, hopeless)
-        if found is None or found.settled or found.cost > hopeless or radius > _SMALLEST_RADIUS:
+        found = super().run(x, radius, hopeless, rival)
+        if found is None or found is rival or found.settled or found.cost > hopeless or radius > _SMALLEST_RADIUS:
             return found
         return self._searched(found)
 
@@ -156,7 +159,7 @@ class MeasuredPolish(Polish):
 
     def _reference(self, nominal: MeasuredLoop) -> Slot:
         """The nominal crossover where a spread needs it, else an idle slot."""
-        if self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD) and len(nominal.gain_crossovers):
+        if self.is_spread and len(nominal.gain_crossovers):
             return reference_slot(nominal, self.problem.scale, self.code == MARGIN_SPREAD)
         return idle_slot(self.table.members[0], True)
 

@@ -79,6 +79,11 @@ class MeasuredProblem(Problem):
         self._share_tables(other)
         return other
 
+    @cached_property
+    def floor(self) -> float:
+        """Not known: the response at omega = 0 is not measured."""
+        return -math.inf
+
     @property
     def family(self) -> MeasuredFamily:
         """The members."""

@@ -16,6 +16,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.design.constraints import Bound
+from fopi_tune.design.infeasible import is_closer, misses
 from fopi_tune.design.reasons import describe
 from fopi_tune.design.time_domain.exchange import MET, Counts, Exchanged, local_optima, solve
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
@@ -124,14 +125,14 @@ def _of_scenario(index: int, rows: list[ScenarioRow], found: Exchanged) -> Relax
 
 def _of_loop(question: ScenarioProblem, index: int, found: Exchanged) -> Relaxation:
     polish = found.cuts.polish
-    missed = polish.misses(found.cuts.scaled(found.gains))
+    missed = misses(polish, found.cuts.scaled(found.gains))
     best: tuple[float, float, float] | None = None
     for k, constraint in enumerate(question.loop.constraints):
         if constraint.requirement != index or missed[k] <= 0.0 or (best is not None and missed[k] <= best[0]):
             continue
         side = float(constraint.bound.value)
         if constraint.bound is Bound.EQUAL:
-            side = 1.0 if polish.is_closer(found.cuts.scaled(found.gains), k, 1.0) else -1.0
+            side = 1.0 if is_closer(polish, found.cuts.scaled(found.gains), k, 1.0) else -1.0
         limit = constraint.quantity.from_natural(constraint.limit + side * missed[k] / constraint.scale)
         if math.isfinite(limit):
             best = float(missed[k]), limit, abs(limit - constraint.limit_public)

@@ -11,7 +11,7 @@ import pytest
 import fopi_tune as ft
 from fopi_tune.core.controller import FoPid, Pid
 from fopi_tune.design.constraints import Scale
-from fopi_tune.design.global_search.basins import quadrants_of, reach_of
+from fopi_tune.design.global_search.basins import reach_of
 from fopi_tune.design.global_search.compiled import work_for
 from fopi_tune.design.global_search.controllers import controller_at, controller_of
 from fopi_tune.design.global_search.controllers import controller_at_infinity as compiled_at_infinity
@@ -30,6 +30,7 @@ from fopi_tune.design.global_search.structures import (
     WITH_ORDERS,
     box_with_orders,
     kappa_range,
+    quadrants_of,
     ray_of,
 )
 from fopi_tune.digital import sections_of
@@ -133,7 +134,7 @@ RANGES = [
 def test_every_ray_meets_the_box_of_gains(ranges: str) -> None:
     problem = problem_of(ranges)
     box, sampling, spec = problem.box, problem.scaled.sampling, problem.spec.controller
-    for signs in quadrants_of(problem):
+    for signs in quadrants_of(problem.box):
         for shape in np.linspace(box.shape_low, box.shape_high, 9):
             for tau in (-1.0, -0.9, -0.3, 0.0, 0.5, 0.95, 1.0):
                 third, c, s = ray_of(shape, tau, signs, *reach_of(problem), box, sampling)
@@ -318,7 +319,7 @@ def test_every_ray_with_orders_meets_the_box_of_gains(ranges: str) -> None:
     sampling, spec = problem.scaled.sampling, problem.spec.controller
     for alpha, mu in ((0.3, 0.2), (1.0, 0.7), (1.6, 1.0)):
         at, box = sampling._replace(order=alpha, rise=mu), box_with_orders(mu, problem.box)
-        for signs in quadrants_of(problem):
+        for signs in quadrants_of(problem.box):
             for shape in np.linspace(box.shape_low, box.shape_high, 5):
                 for tau in (-1.0, -0.3, 0.5, 1.0):
                     third, c, s = ray_of(shape, tau, signs, *reach_of(problem), box, at)

@@ -25,7 +25,7 @@ class Solved:
     """What Ipopt returned: scaled gains, the value of t, multipliers of limits (d cost/d limit), one a row.
 
     `blocking` are row and v of slots that hold the gains although their limits do not: a peak, or a crossing, that
-    would vanish if the gains moved on.
+    would vanish if the gains moved on.  `is_infeasible`: Ipopt found that the slots contradict each other.
     """
 
     ok: bool
@@ -34,6 +34,7 @@ class Solved:
     on_boundary: bool
     prices: Array
     blocking: tuple[tuple[int, float], ...] = ()
+    is_infeasible: bool = False
 
 
 def solve(
@@ -95,13 +96,17 @@ def solve(
     with raising_interrupts():
         result = solver(x0=start, p=parameters, lbx=low, ubx=high, lbg=rows_low, ubg=rows_high)
     found = np.array(result["x"]).ravel()
-    ok = bool(solver.stats()["success"]) and bool(np.all(np.isfinite(found)))
+    stats = solver.stats()
+    ok = bool(stats["success"]) and bool(np.all(np.isfinite(found)))
     gains = found[:count] * units if ok else x
     lam = np.array(result["lam_g"]).ravel()
     unit_of_cost = scale_ki if code == KI else 1.0
     prices = _prices(padded, lam[first:], size, real_rows) * unit_of_cost
     boundary = bool(np.any(np.abs(found[:count] - z) > 0.999 * reach))
-    return Solved(ok, gains, float(found[count]), boundary, prices, _blocking(padded, lam[first:], found[count + 1 :]))
+    return Solved(
+        ok, gains, float(found[count]), boundary, prices, _blocking(padded, lam[first:], found[count + 1 :]),
+        stats["return_status"] == "Infeasible_Problem_Detected",
+    )  # fmt: skip
 
 
 def _asks(slots: list[Slot], name: str) -> bool:
