@@ -54,6 +54,6 @@ def _array(made: Realisation, prefix: str) -> list[str]:
     told = (
         f"/* arm_biquad_cascade_df2T_{suffix}: largest error over largest output {made.error:.2g}, on 2000 "
         f"samples of a\n"
-        "   step of 0.3 with noise of standard deviation 1; on a step with little noise it may be ten times as large */"
+        "   step of 0.3 with noise of standard deviation 1; on a step with little noise it is larger */"
     )
     return ["", told, f"static const {kind} {prefix}_cmsis_{suffix}[{size}] = {{", *rows, "};"]
