@@ -207,14 +207,15 @@ class FilterOfOrder:
         """F, y1 and y2 for arrays that go together."""
         table, log_middle, log_half = self._table
         middle = 1j * np.exp(log_middle + log_half)
-        log = (1.0 - alpha) * log_middle + log_half - np.log(w)
+        value = np.exp((1.0 - alpha) * log_middle + log_half) / w
         first, second = -log_middle + 0.0 * w, 0.0 * w
         for side, c, d, over in table:
             x = np.exp(c + d * alpha) / (alpha if over else 1.0)
             rate, bend = d - over / alpha, over / alpha**2
             here, there = x / (w + x), x / (middle + x)
-            log = log + side * (np.log(w + x) - np.log(np.abs(middle + x)))
+            factor = (w + x) / np.abs(middle + x)
+            value = value * factor if side > 0 else value / factor
             first = first + side * rate * (here - there.real)
             curve = [p * (1.0 - p) * rate**2 + p * bend for p in (here, there)]
             second = second + side * (curve[0] - curve[1].real)
-        return np.exp(log), first, second
+        return value, first, second
