@@ -216,16 +216,14 @@ class _Run:
         self, found: Verification, search: BranchAndBound, proof: OptimumProof | None, termination: Termination
     ) -> Optimum:
         better, better_objective = self._better(search, found)
+        reason = termination.words if better_objective is None else better_gains_reason(better_objective)
         if proof is None or proof.beat is None:
-            reason = termination.words or NOTHING_SHOWN
+            reason = reason or NOTHING_SHOWN
             return self._result(OptimumStatus.LIMIT_REACHED, search, found, None, reason, better, better_objective)
         assert found.objective is not None
         reached = relative_gap(kind_of(self.spec), found.objective, proof.beat)
         if reached <= self.wanted:
             return self._result(OptimumStatus.CERTIFIED, search, found, proof)
-        reason = termination.words
-        if better_objective is not None:
-            reason = better_gains_reason(better_objective)
         return self._result(OptimumStatus.LIMIT_REACHED, search, found, proof, reason, better, better_objective)
 
     def _level(self, objective: float, gap: float) -> float:

@@ -172,10 +172,11 @@ def _reasons_of_a_search(stated: OptimumDocument, spec: DesignSpec) -> tuple[str
     ended = tuple(termination.words for termination in Termination if termination.words)
     if stated.gains is None:
         return (*ended, *_met(stated.reason, spec))
+    better = () if stated.better_objective is None else (better_gains_reason(stated.better_objective),)
     if stated.proof is None:
-        return (*ended, NOTHING_SHOWN)
-    if stated.better_objective is not None:
-        return (better_gains_reason(stated.better_objective),)
+        return (*ended, NOTHING_SHOWN, *better)  # without a bound earlier files name what stopped the search
+    if better:
+        return better
     return (*ended, "")  # empty: the last level was shown, and no closer one was tried
 
 

@@ -267,6 +267,16 @@ def test_a_screen_reader_is_told_of_every_figure(browser: Any, tmp_path: Path, m
 RANGES = """() => Object.values(Bokeh.index.roots || Bokeh.index).flatMap((view) =>
   [...view.model.document._all_models.values()].filter((model) => model.type === "Range1d")
     .map((range) => [range.start, range.end]))"""
+#: pixels for a unit of the real part, and of the imaginary one
+SCALES = """() => {
+  const below = (view) => [...(view.child_views || []), ...(view.grid_view ? [view.grid_view] : [])];
+  const all = (view) => [view, ...below(view).flatMap(all)];
+  const views = [...Bokeh.index.roots].flatMap(all);
+  const plane = views.find((view) => view.model.type === "Figure" && view.model.aspect_ratio === 1);
+  const { x_range, y_range } = plane.model;
+  const { width, height } = plane.frame.bbox;
+  return [width / (x_range.end - x_range.start), height / (y_range.end - y_range.start)];
+}"""
 #: the button of a name, wherever its shadow is
 FOCUS = """(name) => {
   const find = (node) => {
@@ -303,6 +313,15 @@ def test_keys_zoom_a_figure_and_reset_it(browser: Any, tmp_path: Path) -> None:
         visit.page.keyboard.press("Enter")
         assert visit.page.evaluate(RANGES) == before
         assert (visit.said, visit.asked) == ([], [visit.address])
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_a_plane_with_a_legend_keeps_its_angles_at_every_width(browser: Any, tmp_path: Path, width: int) -> None:
+    with Visit(browser, tmp_path / "report.html", brake_page(), width) as visit:
+        see_figure(visit, "nyquist")
+        across, up = visit.page.evaluate(SCALES)
+        assert across == pytest.approx(up, rel=0.02)
+        assert visit.said == []
 
 
 def test_figures_are_there_without_scripts(browser: Any, tmp_path: Path) -> None:

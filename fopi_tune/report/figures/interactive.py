@@ -30,6 +30,8 @@ _NO_MARKER = ("None", "none", " ", "")
 _UNNAMED = "_"
 #: pixels of the labels below the last panel, and of a line of the legend
 _LABELS, _LEGEND_LINE = 48, 22
+#: pixels beside and below the numbers' part of a panel
+_BORDER = 70
 #: the wheel scrolls the page; zooming is by a box, or by buttons that the keyboard reaches
 _TOOLS = "pan,box_zoom,zoom_in,zoom_out,undo,reset"
 
@@ -53,7 +55,7 @@ def interactive_json(figure: Figure) -> str:
     for axes in figure.axes:
         shared = [panels[k] for k, other in enumerate(figure.axes[: len(panels)]) if _shares_x(axes, other)]
         panels.append(_panel(figure, axes, shared[0].x_range if shared else None))
-    _add_legend(figure, panels)
+    _add_legend(panels)
     rows = [[panel] for panel in panels]
     grid = gridplot(rows, sizing_mode=None, merge_tools=True, toolbar_location="above", toolbar_options={"logo": None})
     # not as an argument, which would be handed on to the panels
@@ -86,8 +88,10 @@ def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
 
     (low, high), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     height = figure.get_figheight() * _PIXELS_PER_INCH / len(figure.axes)
-    # a plane keeps its angles, and fits a narrow screen
-    plane: dict[str, Any] = {"aspect_ratio": 1.0, "max_width": round(height), "sizing_mode": "scale_width"}
+    # a plane keeps its angles, with borders as high as wide, and fits a narrow screen
+    plane: dict[str, Any] = {
+        "aspect_ratio": 1.0, "max_width": round(height), "sizing_mode": "scale_width", "min_border_bottom": _BORDER,
+    }  # fmt: skip
     shape: dict[str, Any] = (
         plane if axes.get_aspect() == 1.0 else {"height": round(height), "sizing_mode": "stretch_width"}
     )
@@ -100,7 +104,7 @@ def _panel(figure: Figure, axes: Axes, x_range: Any) -> Any:
         y_range=Range1d(start=bottom, end=top),
         x_axis_label=_words(axes.get_xlabel()) or None,
         y_axis_label=_words(axes.get_ylabel()) or None,
-        min_border_left=70,
+        min_border_left=_BORDER,
     )
     # where nothing is measured
     panel.yaxis.visible = len(axes.get_yticks()) > 0
@@ -212,7 +216,7 @@ def _outlines(axes: Axes, patch: Any) -> Iterator[tuple[Array, Array]]:
                 yield corners[:, 0], corners[:, 1]
 
 
-def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
+def _add_legend(panels: list[Any]) -> None:
     """The names of lines and bands below the last panel; a click, or Enter, hides what has the name in every panel."""
     from bokeh.models import Legend, LegendItem
 
@@ -222,6 +226,8 @@ def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
             if renderer.name:
                 named.setdefault(str(renderer.name), []).append(renderer)
     if named:
+        if panels[-1].aspect_ratio is not None:
+            panels.append(_room_for_legend())
         for found in named.values():
             if not any(each in panels[-1].renderers for each in found):
                 # a legend shows only what is drawn in its own panel: here without any point
@@ -230,8 +236,19 @@ def _add_legend(figure: Figure, panels: Sequence[Any]) -> None:
         items = [LegendItem(label=name, renderers=found) for name, found in named.items()]
         # one below the other: side by side they would not fit a narrow screen
         panels[-1].add_layout(Legend(items=items, click_policy="hide", location="left"), "below")
-        if panels[-1].height is not None:
-            panels[-1].height += _LABELS + _LEGEND_LINE * len(items)
+        panels[-1].height += _LABELS + _LEGEND_LINE * len(items)
+
+
+def _room_for_legend() -> Any:
+    """A panel without axes: a legend inside a plane's would take of its height alone, and the plane lose its angles."""
+    from bokeh.models import Range1d
+    from bokeh.plotting import figure as plot
+
+    x, y = (Range1d(start=0.0, end=1.0) for _ in range(2))
+    looks: dict[str, Any] = {"tools": "", "outline_line_color": None, "min_border_left": _BORDER}
+    room: Any = plot(height=0, sizing_mode="stretch_width", x_range=x, y_range=y, **looks)
+    room.axis.visible = room.grid.visible = False
+    return room
 
 
 def _name_of(artist: Any) -> str:
