@@ -298,8 +298,8 @@ AIMED: dict[str, tuple[str, Callable[[Document], object], str]] = {
         "",
     ),
     "boxes that were never seen": ("no bound", entries(boxes=100), "never began"),
-    "fewer boxes than the tree has": ("certified", entries(boxes=10), "whose tree has"),
-    "more boxes than the tree has": ("infeasible", entries(boxes=10**6), "whose tree has"),
+    "fewer boxes than the tree has": ("certified", entries(boxes=10), "its tree has"),
+    "more boxes than the tree has": ("infeasible", entries(boxes=10**6), "its tree has"),
     "nothing left out": ("no bound", entries(left_out=["nothing"]), "left out"),
     "a gap that does not follow": ("certified", entries(gap=0.0009), "the gap that is stated"),
 }

@@ -122,7 +122,7 @@ TAMPERINGS = {
     "a shorter record": (with_tokens(2, lambda t: t[:-1]), "ends before"),
     "a longer record": (with_tokens(2, lambda t: [*t, "."]), "goes on"),
     "one leaf for the whole domain": (with_tokens(4, lambda _: ["."]), "does not hold"),
-    "no record at all": (set_to("requirements", 2, "sides", 0, "records", []), "claims"),
+    "no record at all": (set_to("requirements", 2, "sides", 0, "records", []), "claim must be shown"),
     "an axis that is not there": (with_tokens(2, lambda t: ["s7", *t[1:]]), "axis"),
     "words that mean nothing": (with_tokens(2, lambda t: ["x!", *t[1:]]), "leaf 0"),
     "a face that was not shown": (with_tokens(2, lambda t: ["p0+", *t]), "face"),

@@ -268,7 +268,7 @@ AIMED: dict[str, tuple[str, Callable[[Document], object], str]] = {
     "undecided beside a refutation": ("refuted", verdict("undecided", 4), "breaks the limit"),
     "undecided where the place refutes": ("refuted", nothing_shown(4), "stated break the limit"),
     "refuted beside a proof": ("proved", verdict("refuted", 2), "does not break"),
-    "a level without a record": ("undecided", placed(2, records=[]), "claims"),
+    "a level without a record": ("undecided", placed(2, records=[]), "claim must be shown"),
     "a record without a level": ("undecided", placed(2, level_natural=None), "without the level"),
     "a record without a witness": ("undecided", placed(2, witness_natural=None), "without the witness"),
     "a bound of S beside a refutation": (
