@@ -1,16 +1,20 @@
-"""The filter of s^-alpha over a box of orders:  what its poles and zeros, which alternate, tell beyond enclosures.
+"""The filter of s^-alpha over a box of orders:  what the places of its poles and zeros tell beyond enclosures.
 
-In w the poles 0 < b_1 < ... and the zeros a_k of F alternate, beginning with the pole at 0: F has positive residues for
-orders up to 1, and F w has for orders above. Hence along the axis w = j nu, u = ln nu,
+For alpha <= 1 the poles 0, b_1, ... and the zeros a_k of F alternate in w, beginning with the pole at 0, so that F has
+positive residues. For alpha > 1 each b_k is below its a_k, and those of Oustaloup's filter alternate, so that F w has
+positive residues, but for the modified filter's fast pair: its pole may lie below the last zero, and it turns by
+asin((alpha - 1)/(alpha + 1)) at most. Hence along the axis w = j nu, u = ln nu,
 
-    |F| falls with u;    a = -arg F is in (0, 90 deg) for alpha < 1, in (90 deg, 180 deg) above;
+    |F| falls with u;    a = -arg F is in (0, 90 deg) for alpha < 1, above 90 deg for alpha > 1,
+    and below 180 deg, or with the fast pair below 180 deg + asin((alpha - 1)/(alpha + 1)) < 199 deg;
     Re F falls with u for alpha <= 1, so that |kp + ki F| does for kp, ki >= 0.                                     (1)
 
 As alpha rises every zero does and every pole falls, so that along it, at each frequency,
 
     a rises,    |F(w)/F(w_a)| rises for |w| < |w_a| and falls for |w| > |w_a|,    d ln|F|/du falls.                 (2)
 
-Source: derived; (1) from partial fractions with positive residues, (2) term by term from (1) of `filter_of_order`.
+Source: derived; (1) from partial fractions with positive residues and pairs, (2) term by term from (1) of
+`filter_of_order`.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ from typing import Any, TypeVar
 
 from flint import acb, arb
 
+from fopi_tune.digital.discretize import Method
 from fopi_tune.optimum.samples.filter_of_order import FilterAtOrder, FilterOfOrder
 from fopi_tune.proof.balls.box import Interval, ball_of, centre_of
 
@@ -154,7 +159,7 @@ class FilterBox:
     def _lag(self, u: Interval) -> arb:
         quarter = arb.pi() / 2
         low = quarter if self._alpha > 1 else arb(0)
-        high = quarter if self._alpha <= 1 else 2 * quarter
+        high = quarter if self._alpha <= 1 else self._most_lag
         if math.isinf(u[0]) or math.isinf(u[1]):
             return low.union(high)
         (middle,) = centre_of((u,))
@@ -165,6 +170,14 @@ class FilterBox:
         both = found[0].union(found[-1])
         least, most = arb(both.lower()), arb(both.upper())
         return (least if least > low else low).union(most if most < high else high)
+
+    @cached_property
+    def _most_lag(self) -> arb:
+        """-arg F of orders above 1 is less, by (1)."""
+        if Method(self.filter.digital.method) is not Method.MODIFIED_OUSTALOUP:
+            return arb.pi()
+        order = arb(self._alpha.upper())
+        return arb.pi() + ((order - 1) / (order + 1)).asin()
 
     def _slopes(self, u: Interval) -> list[acb]:
         """d ln F/du at the least and the largest order."""
