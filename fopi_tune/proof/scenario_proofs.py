@@ -66,11 +66,16 @@ def prove_scenarios(
 
 
 def cases_of(spec: DesignSpec, implementation: Implementation) -> list[tuple[int, TimeDomainCase]]:
-    """What is to be proved, in the order of the requirements and, of one about all scenarios, of these."""
+    """What is to be proved, in the order of the requirements and, of one about all scenarios, of these.
+
+    Nothing of a controller that acts on more than the control error: its requirements stay checked by simulation.
+    """
     from fopi_tune.proof.time_domain import TimeDomainCase
 
     assert spec.digital is not None
     controller = runtime_of(implementation.sections, spec)
+    if not controller.acts_on_error:
+        return []
     return [
         (
             index,

@@ -99,7 +99,6 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     _check_between_sections(values, placed, place)
     _check_scenarios(values, measured, place)
     values |= check_scenario_design(values, measured, place)
-    _refuse_for_designed_scenarios(values, measured, place)
     if place.has("plants"):
         refuse_for_lists(values, measured, place)
     refuse_for_fractional(values, place)
@@ -186,28 +185,6 @@ def _refuse_times_below_half_a_sample(controller: ControllerSpec | None, sample_
                 f"{low:g} s is below half the sample time, and such a filter rings on samples; write "
                 f"{0.5 * sample_time_s:g} or more, or a shorter sample_time_s"
             )
-
-
-def _refuse_for_designed_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:
-    """Structure pid, a filter or a setpoint weight beside a requirement or an objective about a scenario."""
-    controller, objective = values.get("controller"), values.get("objective")
-    designs = bool(measured) or (objective is not None and objective.scenario is not None)
-    if designs and controller is not None and controller.has_derivative:
-        place.child("controller").child("structure").refuse(
-            f"structure {controller.structure} is designed for requirements and objectives of the loop's frequencies "
-            "in this version; "
-            "write what scenarios have to meet under `limits:`, which is judged and not designed for"
-        )
-    elif designs and controller is not None and controller.measurement_filter is not None:
-        place.child("controller").child("measurement_filter").refuse(
-            "gains are designed for requirements and objectives about scenarios without a measurement_filter in this "
-            "version; write what scenarios have to meet under `limits:`, which is judged and not designed for"
-        )
-    elif designs and controller is not None and controller.setpoint_weight != 1.0:
-        place.child("controller").child("setpoint_weight").refuse(
-            "gains are designed for requirements and objectives about scenarios with setpoint_weight: 1 in this "
-            "version; write what scenarios have to meet under `limits:`, which is judged and not designed for"
-        )
 
 
 def _check_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.plant import Plant
-from fopi_tune.digital.derivatives import controller_derivatives
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.discretize import discretize
@@ -146,8 +145,6 @@ def test_that_a_pid_is_stable_with_its_limits_is_not_available_and_a_weight_chan
 
 def test_what_knows_no_derivative_refuses_it_by_name() -> None:
     spec, lag = spec_of(1.0), Plant((1.0,), (2.0, 1.0))
-    with pytest.raises(DomainError, match="structure: pid"):
-        controller_derivatives(spec, GAINS)
     with pytest.raises(DomainError, match="structure: pid"):
         exact_response(GAINS, lag, Signal.OUTPUT_AFTER_REFERENCE, np.array([1.0]))
     with pytest.raises(DomainError, match="structure: pid"):

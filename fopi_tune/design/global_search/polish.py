@@ -165,7 +165,7 @@ class Polish:
         # of the nominal plant, which is the first of the first
         self.work = self.searches[0].work
 
-    def _at(self, x: Array) -> tuple[Array, Table]:
+    def at(self, x: Array) -> tuple[Array, Table]:
         """Gains, and the table of the nominal plant's family at their orders."""
         sampling, table = self.problem.structure.sampling_at(x, self.table.sampling), self.searches[0].table
         return x[:3], table._replace(sampling=sampling) if sampling is not table.sampling else table
@@ -175,7 +175,7 @@ class Polish:
         self.counts.looks += 1
         if self.problem.structure.size(x) < _NO_CONTROLLER:
             return None
-        rows, (x, table) = self.rows, self._at(x)
+        rows, (x, table) = self.rows, self.at(x)
         if self.code == MARGIN_SPREAD:
             fill_ray(x[2], x[0], x[1], table, self.work)
             nominal = smallest_margin(x, table, self.work)[0]
@@ -289,7 +289,7 @@ class Polish:
         """Those of older findings that are violated at gains where their peaks or crossings are now."""
         kept = []
         for f in findings:
-            (gains, table), rows, q = self._at(x), self.rows, int(f[ROW])
+            (gains, table), rows, q = self.at(x), self.rows, int(f[ROW])
             ends = max(rows.low_v[q], table.v[1]), min(rows.high_v[q], table.v[-2])
             value, _ = settle(
                 rows.kind[q], float(rows.side[q]), int(f[MODE]), controller_of(gains, table.sampling),
@@ -362,7 +362,7 @@ class Polish:
         return self.answers[asked]
 
     def _answer(self, pool: list[Array], x: Array, t: float, radius: float) -> tuple[Solved, int]:
-        gains, table = self._at(x)
+        gains, table = self.at(x)
         slots = [self._first_slot(gains, table), *slots_of(
             order_of(pool, self.rows, self.real_rows), controller_of(gains, table.sampling), self.rows,
             self.problem.scaled, self.in_t, self.spread,

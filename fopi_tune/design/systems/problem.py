@@ -14,6 +14,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
+from fopi_tune.design.time_domain.numbers import Numbers
 from fopi_tune.design.time_domain.starts import gains_between
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError
@@ -108,7 +109,7 @@ class SystemProblem:
         """The gains of all modes at a point of the unit cube, three numbers a tuned mode; shape (3 modes,)."""
         found = dict(self.fixed)
         for place, mode in enumerate(self.tuned):
-            found[mode.name] = gains_between(self.loops[mode.name].problem, x[3 * place : 3 * place + 3])
+            found[mode.name] = gains_between(Numbers(self.loops[mode.name].problem), x[3 * place : 3 * place + 3])
         return found
 
     def judge(self, gains: Mapping[str, FoPi], points: Array) -> Judged | None:

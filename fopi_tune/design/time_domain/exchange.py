@@ -12,6 +12,7 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.time_domain.local_search import Local, local_search
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
 from fopi_tune.design.time_domain.model import Modeller
+from fopi_tune.design.time_domain.numbers import Numbers
 from fopi_tune.design.time_domain.problem import TIGHTENING, ScenarioProblem
 from fopi_tune.design.time_domain.starts import starts_of
 from fopi_tune.design.time_domain.worst_plants import Family, Worst
@@ -92,7 +93,7 @@ def solve(
     for local in found:
         if len(tried) == _EXCHANGED:
             break
-        if any(_same(local, other) for other in tried):
+        if any(_same(problem.numbers, local, other) for other in tried):
             continue
         tried.append(local)
         one = exchange(problem, local.gains, counts)
@@ -194,7 +195,7 @@ def _at_crossover(problem: ScenarioProblem, gains: FoPi) -> ScenarioProblem:
     """The same problem with a filter that is exact at the gains' crossover, where it depends on that."""
     from dataclasses import replace
 
-    if not problem.loop.needs_crossover or (gains.kp, gains.ki) == (0.0, 0.0):
+    if not problem.loop.needs_crossover or gains.is_zero:
         return problem
     return replace(problem, loop=problem.loop.exact_at(nominal_crossover(problem.spec, gains)))
 
@@ -211,6 +212,6 @@ def _rank(local: Local) -> tuple[float, float]:
     return (violation if violation > MET else 0.0), local.model.objective
 
 
-def _same(one: Local, other: Local) -> bool:
-    a, b = (np.array([x.gains.kp, x.gains.ki, x.gains.alpha]) for x in (one, other))
+def _same(numbers: Numbers, one: Local, other: Local) -> bool:
+    a, b = (numbers.of(each.gains) for each in (one, other))
     return bool(np.all(np.abs(a - b) <= 0.01 * np.maximum(np.abs(a), np.abs(b)) + 1e-12))

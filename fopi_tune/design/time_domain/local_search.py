@@ -15,8 +15,6 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.design.time_domain.model import Model, Modeller
 from fopi_tune.design.time_domain.quadratic import Step, lagrangian_slope, solve_step
 
-#: sizes of gains are at least this part of the unit gain
-_SMALLEST_SIZE = 0.02
 _FIRST_RADIUS, _LARGEST_RADIUS, _SMALLEST_RADIUS = 0.3, 1.0, 1e-8
 _FIRST_PENALTY, _LARGEST_PENALTY = 10.0, 1e5
 #: parts of what was promised: below the first a step is refused, below the second the region shrinks
@@ -63,33 +61,34 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
         most: convex problems.
         met: a violation that counts as none.
     """
-    problem = modeller.problem
-    low, high = problem.box
+    numbers = modeller.problem.numbers
+    n, (low, high) = numbers.count, numbers.box
     model = modeller.at(start)
     if model is None:
         return None
-    radius, penalty, step, hessian, count, scale = _FIRST_RADIUS, _FIRST_PENALTY, None, np.zeros((3, 3)), 0, 1.0
+    radius, penalty, step, hessian, count, scale = _FIRST_RADIUS, _FIRST_PENALTY, None, np.zeros((n, n)), 0, 1.0
     fresh, least = True, least_scale(model.objective)
     while count < most and radius > _SMALLEST_RADIUS:
         count += 1
         scale = scale_of(model.objective, least)
-        sizes = sizes_of(modeller, model.gains)
+        x = numbers.of(model.gains)
+        sizes, room = numbers.sizes(x), (low - x, high - x)
         if fresh:
             # worst cases of the loop may have been learnt since
             here = modeller.at(model.gains, learn=False)
             if here is not None:
                 model = replace(here, loop_violation=model.loop_violation)
-            first = solve_step(model, hessian, sizes, radius, low, high, scale, penalty)
+            first = solve_step(model, hessian, sizes, radius, room, scale, penalty)
             if first is None:
                 break
             hessian = _hessian(modeller, model, first, sizes, scale)
             fresh = False
-        step = solve_step(model, hessian, sizes, radius, low, high, scale, penalty)
+        step = solve_step(model, hessian, sizes, radius, room, scale, penalty)
         if step is None:
             break
         if step.slack > met and penalty < _LARGEST_PENALTY:
             # an exact penalty: raised until more of it does not lower the violation
-            more = solve_step(model, hessian, sizes, radius, low, high, scale, 10.0 * penalty)
+            more = solve_step(model, hessian, sizes, radius, room, scale, 10.0 * penalty)
             if more is not None and more.slack < 0.9 * step.slack:
                 penalty, step, fresh = 10.0 * penalty, more, True
         merit = merit_of(model, scale, penalty)
@@ -97,11 +96,11 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
         promised = merit - step.expected - 0.5 * float(relative @ hessian @ relative)
         if promised < _CONVERGED * max(1.0, abs(merit)):
             break
-        trial = modeller.at(problem.inside(gains_array(model.gains) + step.d))
+        trial = modeller.at(numbers.inside(x + step.d))
         ratio = -np.inf if trial is None else (merit - merit_of(trial, scale, penalty)) / promised
         if trial is not None and ratio < _POOR and trial.violation > model.violation:
             # curved limits: back to them, the shortest way
-            back = _restored(modeller, trial, sizes)
+            back = _restored(modeller, trial)
             if back is not None and merit_of(back, scale, penalty) < merit_of(trial, scale, penalty):
                 trial, ratio = back, (merit - merit_of(back, scale, penalty)) / promised
         if trial is None or ratio < _ACCEPTED:
@@ -118,26 +117,24 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
     for _ in range(_RESTORATIONS):
         if model.violation <= met:
             break
-        back = _restored(modeller, model, sizes_of(modeller, model.gains))
+        back = _restored(modeller, model)
         if back is None or back.violation >= model.violation:
             break
         model = back
     return Local(model, step, scale, count)
 
 
-def _restored(modeller: Modeller, model: Model, sizes: Array) -> Model | None:
+def _restored(modeller: Modeller, model: Model) -> Model | None:
     """The model at the closest gains that meet the linearised limits; None where there is none."""
-    low, high = modeller.problem.box
+    numbers = modeller.problem.numbers
+    n, x, (low, high) = numbers.count, numbers.of(model.gains), numbers.box
     limits = replace(
-        model, aims=np.zeros(0), aim_slopes=np.zeros((0, 3)), sums=tuple(each for each in model.sums if each.row >= 0)
+        model, aims=np.zeros(0), aim_slopes=np.zeros((0, n)), sums=tuple(each for each in model.sums if each.row >= 0)
     )
-    step = solve_step(limits, np.eye(3), sizes, _FIRST_RADIUS, low, high, 1.0, _LARGEST_PENALTY)
-    return None if step is None else modeller.at(modeller.problem.inside(gains_array(model.gains) + step.d))
-
-
-def gains_array(gains: FoPi) -> Array:
-    """(kp, ki, alpha)."""
-    return np.array([gains.kp, gains.ki, gains.alpha])
+    step = solve_step(
+        limits, np.eye(n), numbers.sizes(x), _FIRST_RADIUS, (low - x, high - x), 1.0, _LARGEST_PENALTY
+    )  # fmt: skip
+    return None if step is None else modeller.at(numbers.inside(x + step.d))
 
 
 def scale_of(objective: float, least: float) -> float:
@@ -156,30 +153,23 @@ def merit_of(model: Model, scale: float, penalty: float) -> float:
     return objective + penalty * model.violation
 
 
-def sizes_of(modeller: Modeller, gains: FoPi) -> Array:
-    """What a step of 1 means for kp, ki and alpha, shape (3,)."""
-    units = modeller.problem.units(gains.alpha)
-    return np.maximum(np.abs(gains_array(gains)), _SMALLEST_SIZE * units) * np.array([1.0, 1.0, 0.0]) + np.array(
-        [0.0, 0.0, 1.0]
-    )
-
-
 def _hessian(modeller: Modeller, model: Model, step: Step, sizes: Array, scale: float) -> Array:
-    """Second derivatives of the Lagrangian by d/sizes, made positive semidefinite; shape (3, 3)."""
-    low, high = modeller.problem.box
-    x, found = gains_array(model.gains), np.zeros((3, 3))
+    """Second derivatives of the Lagrangian by d/sizes, made positive semidefinite; shape (n, n)."""
+    numbers = modeller.problem.numbers
+    low, high = numbers.box
+    x, found = numbers.of(model.gains), np.zeros((numbers.count, numbers.count))
     gradient = lagrangian_slope(model, step, scale)
-    for j in range(3):
+    for j in range(numbers.count):
         if low[j] == high[j]:
             continue
-        move = np.zeros(3)
-        move[j] = _DIFFERENCE * sizes[j] * (1.0 if x[j] + _DIFFERENCE * sizes[j] <= high[j] else -1.0)
-        there = modeller.at(FoPi(*(x + move)), learn=False)
+        moved = x.copy()
+        moved[j] += _DIFFERENCE * sizes[j] * (1.0 if x[j] + _DIFFERENCE * sizes[j] <= high[j] else -1.0)
+        there = modeller.at(numbers.controller(moved), learn=False)
         if there is None or there.shape != model.shape:
-            return np.zeros((3, 3))
-        found[j] = (lagrangian_slope(there, step, scale) - gradient) / move[j]
+            return np.zeros_like(found)
+        found[j] = (lagrangian_slope(there, step, scale) - gradient) / (moved[j] - x[j])
     found = 0.5 * (found + found.T) * np.outer(sizes, sizes)
     if not np.isfinite(found).all():
-        return np.zeros((3, 3))
+        return np.zeros_like(found)
     values, vectors = np.linalg.eigh(found)
     return np.asarray((vectors * np.clip(values, *_HESSIAN_RANGE)) @ vectors.T)

@@ -30,6 +30,7 @@ from fopi_tune.design.global_search.worst_case import (
     inner_slack,
     smallest_margin,
 )
+from fopi_tune.design.time_domain.numbers import Numbers
 
 #: relative steps of the differences
 _STEP = 1e-4
@@ -40,7 +41,7 @@ def cut_slacks(x, cuts, rows, family, sampling, low_v, high_v, horizon, referenc
     """The slack of each cut at gains x, its frequency settled anew.
 
     Args:
-        x: scaled kp, ki and alpha.
+        x: the scaled gains, of kp + ki s^-alpha and alpha.
         cuts: shape (n, 6 + p).
         rows: of the problem, those of the objective last.
         family: the plants' coefficients.
@@ -83,7 +84,7 @@ class LoopCuts:
         self.polish = Polish(self.problem)
 
     def scaled(self, gains: FoPi) -> Array:
-        """Scaled gains, shape (3,)."""
+        """Scaled numbers of the controller, shape (n,)."""
         return self.problem.scale.scaled(gains)
 
     def look(self, gains: FoPi) -> Array | None:
@@ -112,28 +113,32 @@ class LoopCuts:
         return self.polish.rows.side[rows] == 0
 
     def slacks(self, gains: FoPi) -> tuple[Array, Array]:
-        """The slack of each cut in the pool, natural units, and its slopes by kp, ki and alpha; shapes (n,) and (n, 3).
+        """The slack of each of m cuts in the pool, natural units, and its slopes by the controller's n numbers.
 
-        Of an equality it is limit - value.
+        Of an equality it is limit - value.  Shapes (m,) and (m, n).
         """
         x, count = self.scaled(gains), len(self.pool)
         if not count:
-            return np.zeros(0), np.zeros((0, 3))
-        cuts = np.array(self.pool)
-        size = np.array([*(0.05 * np.abs(x[:2]).max() + np.abs(x[:2])), 1.0])
-        values, slopes = self._slacks(x, cuts), np.empty((count, 3))
-        for j in range(3):
-            step = np.zeros(3)
+            return np.zeros(0), np.zeros((0, len(x)))
+        structure, cuts, size = self.problem.structure, np.array(self.pool), np.ones(len(x))
+        names, linear = structure.names, structure.linear
+        size[:linear] = 0.05 * structure.size(x) + np.abs(x[:linear])
+        values, slopes = self._slacks(x, cuts), np.empty((count, len(x)))
+        for j in range(len(x)):
+            step = np.zeros(len(x))
             step[j] = _STEP * size[j]
             slopes[:, j] = (self._slacks(x + step, cuts) - self._slacks(x - step, cuts)) / (2.0 * step[j])
-        scale = self.problem.scale
-        unit = scale.gain * scale.omega_rad_s**-gains.alpha
-        by_alpha = slopes[:, 2] - slopes[:, 1] * x[1] * np.log(scale.omega_rad_s)
-        return values, np.column_stack([slopes[:, 0] * scale.gain, slopes[:, 1] * unit, by_alpha])
+        # a scaled gain is the gain times g omega_s^-alpha or g omega_s^mu, and so changes with its order
+        log_omega = np.log(self.problem.scale.omega_rad_s)
+        for gain, order, sign in (("ki", "alpha", -1.0), ("kd", "mu", 1.0)):
+            if order in names:
+                place = names.index(gain)
+                slopes[:, names.index(order)] += sign * log_omega * x[place] * slopes[:, place]
+        return values, slopes / Numbers(self.problem).units(x)
 
     def _slacks(self, x: Array, cuts: Array) -> Array:
-        polish, table, out = self.polish, self.polish.table, np.empty(len(cuts))
-        rows, reference = polish.rows, 0.0
+        polish, out, reference = self.polish, np.empty(len(cuts)), 0.0
+        rows, (x, table) = polish.rows, polish.at(x)
         if polish.code in (MARGIN_SPREAD, CROSSOVER_SPREAD):
             fill_ray(x[2], x[0], x[1], table, polish.work)
             if polish.code == MARGIN_SPREAD:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fopi_tune.core.bode_form import Array
+from fopi_tune.design.time_domain.trajectories import Trajectories
 from fopi_tune.simulation.scenario import Horizon, Scenario, Step
-from fopi_tune.simulation.sensitivities import Trajectories
 from fopi_tune.spec.measures import ACCELERATION, JERK
 from fopi_tune.spec.model import ScenarioSpec
 
@@ -62,7 +62,7 @@ class Points:
 
     Args:
         values: shape (m, n).
-        slopes: by kp, ki and alpha, shape (m, n, 3).
+        slopes: by the controller's numbers, shape (m, n, numbers).
     """
 
     values: Array
@@ -70,7 +70,7 @@ class Points:
 
     @classmethod
     def of(cls, numbers: Array) -> Points:
-        """From numbers with their derivatives, shape (m, n, 4)."""
+        """From numbers with their derivatives, shape (m, n, 1 + numbers)."""
         return cls(numbers[..., 0], numbers[..., 1:])
 
     @classmethod
@@ -116,6 +116,11 @@ def _both(numbers: Array) -> Points:
     return Points.of(np.concatenate([numbers, -numbers], axis=1))
 
 
+def _nothing(found: Trajectories) -> Points:
+    """One 0 a plant that no number moves."""
+    return Points.of(np.zeros_like(found.output[:, :1]))
+
+
 def _rates(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     first = run.horizon.first
     # the rate after the last sample lies beyond the end
@@ -125,7 +130,7 @@ def _rates(run: ScenarioRun, found: Trajectories, _: int) -> Points:
 def _jerks(run: ScenarioRun, found: Trajectories, _: int) -> Points:
     second = np.diff(found.output[:, run.horizon.first :], 2, axis=1) / run.run.sample_time_s**2
     # of fewer than three samples there is none
-    return _both(second) if second.shape[1] else Points(np.zeros((len(second), 1)), np.zeros((len(second), 1, 3)))
+    return _both(second) if second.shape[1] else _nothing(found)
 
 
 def _accelerations(run: ScenarioRun, found: Trajectories, _: int) -> Points:
@@ -137,7 +142,7 @@ def _controls(run: ScenarioRun, found: Trajectories, _: int) -> Points:
 
 
 def _beyond(run: ScenarioRun, found: Trajectories, index: int) -> Array:
-    """y - value over a step's samples, shape (m, n, 4)."""
+    """y - value over a step's samples, shape (m, n, 1 + numbers)."""
     numbers = found.output[:, run.samples_of(index)].copy()
     numbers[..., 0] -= run.steps[index].value
     return numbers
@@ -152,9 +157,8 @@ def _overshoots(run: ScenarioRun, found: Trajectories, _: int) -> Points:
 
 
 def _undershoots(run: ScenarioRun, found: Trajectories, _: int) -> Points:
-    m = len(found.output)
     # without a step there is none
-    parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
+    parts = [_nothing(found)]
     for index, step in enumerate(run.steps):
         if step.direction:
             numbers = -step.direction * found.output[:, run.samples_of(index)]
@@ -163,8 +167,7 @@ def _undershoots(run: ScenarioRun, found: Trajectories, _: int) -> Points:
 
 
 def _settling_points(run: ScenarioRun, found: Trajectories, unsettled: int) -> Points:
-    m = len(found.output)
-    parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
+    parts = [_nothing(found)]
     for index, (step, counts) in enumerate(
         zip(run.steps, settling_samples(run, found.output[..., 0], unsettled), strict=True)
     ):
@@ -221,8 +224,7 @@ def _absolutes(run: ScenarioRun, found: Trajectories, _: int) -> Points:
 
 
 def _rise_times(run: ScenarioRun, found: Trajectories, _: int) -> Points:
-    m = len(found.output)
-    parts = [Points(np.zeros((m, 1)), np.zeros((m, 1, 3)))]
+    parts = [_nothing(found)]
     # a step of the load ends no rise
     own = [step for step in run.steps if not step.of_load]
     for step, after in itertools.zip_longest(own, own[1:]):
@@ -236,7 +238,7 @@ def _rise_times(run: ScenarioRun, found: Trajectories, _: int) -> Points:
 
 
 def _rise(progress: Array, sample_time_s: float) -> Array:
-    """From 10 % to 90 % of a step, s, with derivatives, shape (4,); beyond its end where 90 % is not reached."""
+    """From 10 % to 90 % of a step, s, with derivatives, shape (1 + numbers,); beyond its end without 90 %."""
     ends = []
     for level in (0.9, 0.1):
         above = np.flatnonzero(progress[:, 0] >= level)
@@ -248,7 +250,7 @@ def _rise(progress: Array, sample_time_s: float) -> Array:
             return sample_time_s * late
         k = int(above[0])
         if k == 0:
-            ends.append(np.zeros(4))
+            ends.append(np.zeros_like(progress[0]))
             continue
         before, after = progress[k - 1], progress[k]
         rise = after - before

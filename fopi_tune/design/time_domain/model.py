@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,15 @@ from numpy.typing import NDArray
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
-from fopi_tune.design.time_domain.measures import Points, errors_of, points_of
+from fopi_tune.design.time_domain.measures import Points, ScenarioRun, errors_of, points_of
 from fopi_tune.design.time_domain.problem import TIGHTENING, ScenarioProblem, ScenarioRow
-from fopi_tune.digital.derivatives import controller_derivatives
+from fopi_tune.design.time_domain.trajectories import Trajectories, trajectories
+from fopi_tune.digital.implementation import implementation_of, runtime_of
+from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import DomainError
-from fopi_tune.simulation.sampled.plants import DiscretePlants
-from fopi_tune.simulation.sensitivities import Trajectories, trajectories
+from fopi_tune.simulation.sampled.plants import discretize_plants
+from fopi_tune.simulation.sampled.simulate import simulate
+from fopi_tune.simulation.scenario import Mode, Traces
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +28,7 @@ class Sum:
 
     Args:
         errors: shape (K,).
-        slopes: by kp, ki and alpha, shape (K, 3).
+        slopes: by the controller's n numbers, shape (K, n).
         weight: of the sum.
         offset: added.
         row: what the sum is about: a row, by its place in `ScenarioProblem.rows`, or -1 for the objective.
@@ -48,9 +52,9 @@ class Model:
 
     Args:
         gains: there.
-        values, slopes: of what must not be positive, shapes (n,) and (n, 3), slopes by kp, ki and alpha.
-        owner: shape (n,): of a row of scenarios its place in `ScenarioProblem.rows`, of one of the loop -1 - its row.
-        aims, aim_slopes: of which the largest is minimised, shapes (k,) and (k, 3).
+        values, slopes: of what must not be positive, shapes (r,) and (r, n), slopes by the controller's n numbers.
+        owner: shape (r,): of a row of scenarios its place in `ScenarioProblem.rows`, of one of the loop -1 - its row.
+        aims, aim_slopes: of which the largest is minimised, shapes (k,) and (k, n).
         sums: those of rows are among the values neither, nor those of the objective among the aims.
         loop_violation: of the loop's requirements over the family, natural units.
     """
@@ -102,8 +106,10 @@ class Modeller:
 
     def set_points(self, points: Array) -> None:
         """Other plants."""
-        self.points = points
-        self.held: DiscretePlants = self.problem.discrete(points)
+        digital = self.problem.spec.digital
+        assert digital is not None
+        self.points, self.plants = points, self.problem.plants(points)
+        self.held = discretize_plants(self.plants, digital.sample_time_s, digital.delay_samples)
 
     def at(self, gains: FoPi, learn: bool = True) -> Model | None:
         """The model at gains; None where a loop is unstable, has no controller or does not stay finite.
@@ -122,7 +128,7 @@ class Modeller:
         runs = self.trajectories_of(gains)
         if runs is None:
             return None
-        parts = _Parts()
+        parts = _Parts(self.problem.numbers.count)
         self._add_loop(parts, gains)
         for place, row in enumerate(self.problem.rows):
             self._add_row(parts, place, row, runs[row.run.spec.name])
@@ -132,15 +138,25 @@ class Modeller:
 
     def trajectories_of(self, gains: FoPi) -> dict[str, Trajectories] | None:
         """Of each scenario by its name; None where one is not finite."""
-        try:
-            controller = controller_derivatives(self.problem.spec, gains)
-        except DomainError:
-            return None
-        found = {}
+        numbers, spec, found = self.problem.numbers, self.problem.spec, {}
+        x = numbers.of(gains)
+
+        @cache
+        def runtime(there: bytes) -> Runtime:
+            gains = numbers.controller(np.frombuffer(there))
+            return runtime_of(implementation_of(spec, gains).sections, spec)
+
         for run in self.problem.runs:
-            one = trajectories(controller, self.held, run.run)
-            self.simulated += len(self.points)
-            if not (np.isfinite(one.output[:, -1]).all() and np.abs(one.output[..., 0]).max() < 1e100):
+
+            def simulated(there: Array, run: ScenarioRun = run) -> Traces:
+                self.simulated += len(self.points)
+                return simulate([Mode(runtime(there.tobytes()), self.plants)], run.run, held=self.held)
+
+            try:
+                one = trajectories(simulated, x, numbers.sizes(x), numbers.box)
+            except DomainError:
+                return None
+            if one is None:
                 return None
             found[run.spec.name] = one
         return found
@@ -153,8 +169,11 @@ class Modeller:
         parts.add(slacks[equal & ~aims], slopes[equal & ~aims], -1 - rows[equal & ~aims])
         parts.aim(-slacks[aims], -slopes[aims])
         if self.cuts.maximises_ki:
-            unit = self.problem.units(gains.alpha)[1]
-            parts.aim(np.array([-gains.ki / unit]), np.array([[0.0, -1.0 / unit, 0.0]]))
+            numbers = self.problem.numbers
+            x = numbers.of(gains)
+            ki = numbers.structure.names.index("ki")
+            slope = -np.eye(numbers.count)[ki : ki + 1] / numbers.units(x)[ki]
+            parts.aim(slope @ x, slope)
 
     def _add_row(self, parts: _Parts, place: int, row: ScenarioRow, found: Trajectories) -> None:
         limit, measure = row.limit.limit, row.limit.measure
@@ -185,7 +204,8 @@ class Modeller:
 class _Parts:
     """A model as it is put together."""
 
-    def __init__(self) -> None:
+    def __init__(self, count: int) -> None:
+        self.none = np.zeros((0, count))
         self.rows: list[tuple[Array, Array, Array]] = []
         self.aims: list[tuple[Array, Array]] = []
         self.sums: list[Sum] = []
@@ -201,13 +221,13 @@ class _Parts:
         slopes = np.concatenate([row[1] for row in self.rows])
         owner = np.concatenate([row[2] for row in self.rows]).astype(np.int64)
         aims = np.concatenate([np.zeros(0), *(aim[0] for aim in self.aims)])
-        aim_slopes = np.concatenate([np.zeros((0, 3)), *(aim[1] for aim in self.aims)])
+        aim_slopes = np.concatenate([self.none, *(aim[1] for aim in self.aims)])
         return Model(gains, values, slopes, owner, aims, aim_slopes, tuple(self.sums), violation)
 
 
 def _near(points: Points) -> tuple[Array, Array]:
     """All points of all plants, flat."""
-    return points.values.reshape(-1), points.slopes.reshape(-1, 3)
+    return points.values.reshape(-1), points.slopes.reshape(-1, points.slopes.shape[-1])
 
 
 def _sums(row: ScenarioRow, found: Trajectories, place: int, factor: float, offset: float) -> list[Sum]:

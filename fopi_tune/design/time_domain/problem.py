@@ -16,12 +16,11 @@ from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.design.global_search.compiled import DEPTH
 from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.global_search.structures import LARGEST_GAIN
 from fopi_tune.design.time_domain.measures import ScenarioRun, unit_of
+from fopi_tune.design.time_domain.numbers import Numbers
 from fopi_tune.digital import sections_of
 from fopi_tune.results.candidate import Violation
 from fopi_tune.simulation.measures import horizon_of, scenario_of
-from fopi_tune.simulation.sampled.plants import DiscretePlants, discretize_plants
 from fopi_tune.simulation.scenario import Sensor
 from fopi_tune.spec.measures import PER_M_S, velocity_unit
 from fopi_tune.spec.model import DesignSpec, Limit, Relation, ScenarioSpec
@@ -175,45 +174,16 @@ class ScenarioProblem:
         """The plants at points of the box."""
         return Plants.members(self.spec.plant, points)
 
-    def discrete(self, points: Array) -> DiscretePlants:
-        """The same behind the hold, with the computing delay."""
-        digital = self.spec.digital
-        assert digital is not None
-        return discretize_plants(self.plants(points), digital.sample_time_s, digital.delay_samples)
-
     @property
     def runs(self) -> tuple[ScenarioRun, ...]:
         """The scenarios that are needed."""
         every = [row.run for row in (*self.rows, *([] if self.objective is None else [self.objective]))]
         return tuple({run.spec.name: run for run in every}.values())
 
-    @property
-    def box(self) -> tuple[Array, Array]:
-        """The ranges of kp, ki and alpha; shapes (3,)."""
-        return box_of(self.loop)
-
-    def units(self, alpha: float) -> Array:
-        """As `units_of`."""
-        return units_of(self.loop, alpha)
-
-    def inside(self, x: Array) -> FoPi:
-        """Gains within their ranges."""
-        low, high = self.box
-        kp, ki, alpha = np.clip(x, low, high)
-        return FoPi(float(kp), float(ki), float(alpha))
-
-
-def box_of(loop: Problem) -> tuple[Array, Array]:
-    """The ranges of kp, ki and alpha, those that are open cut where gains count as unbounded; shapes (3,)."""
-    box, most = loop.spec.controller, units_of(loop, 1.0) * LARGEST_GAIN
-    low = np.array([max(box.kp.min, -most[0]), max(box.ki.min, -most[1]), box.alpha.min])
-    return low, np.array([min(box.kp.max, most[0]), min(box.ki.max, most[1]), box.alpha.max])
-
-
-def units_of(loop: Problem, alpha: float) -> Array:
-    """kp and ki that make the nominal |L| about 1 at its characteristic frequency, and 1 of alpha; shape (3,)."""
-    gains = loop.scale.controller(np.array([1.0, 1.0, alpha]))
-    return np.array([gains.kp, gains.ki, 1.0])
+    @cached_property
+    def numbers(self) -> Numbers:
+        """What is searched."""
+        return Numbers(self.loop)
 
 
 def _has_measure(spec: DesignSpec) -> bool:

@@ -34,11 +34,11 @@ class Step:
     """The solution of (1).
 
     Args:
-        d: the step in kp, ki and alpha, shape (3,).
+        d: the step in the n numbers of the controller, shape (n,).
         expected: of t/scale + penalty s.
         slack: s.
         slope: of the Lagrangian's aims, rows and sums, as `lagrangian_slope` takes them.
-        prices: of the model's rows, shape (n,); of its aims, (k,); of its sums.
+        prices: of the model's rows, shape (r,); of its aims, (k,); of its sums.
         signs: of each sum's errors in the Lagrangian, in [-1, 1].
     """
 
@@ -52,7 +52,7 @@ class Step:
 
 
 def lagrangian_slope(model: Model, step: Step, scale: float) -> Array:
-    """Of aims, rows and sums with the multipliers of a step, shape (3,)."""
+    """Of aims, rows and sums with the multipliers of a step, shape (n,)."""
     total = step.aim_prices @ model.aim_slopes / scale + step.row_prices @ model.slopes
     for each, price, signs in zip(model.sums, step.sum_prices, step.signs, strict=True):
         total = total + price * each.weight / (scale if each.row < 0 else 1.0) * (signs @ each.slopes)
@@ -72,25 +72,23 @@ class _Cut:
 
 
 def solve_step(
-    model: Model, hessian: Array, sizes: Array, radius: float, low: Array, high: Array, scale: float, penalty: float
+    model: Model, hessian: Array, sizes: Array, radius: float, room: tuple[Array, Array], scale: float, penalty: float
 ) -> Step | None:
     """The step of (1); None where the solver fails.
 
     Args:
         model: at the present gains.
-        hessian: positive semidefinite, by d/sizes, shape (3, 3).
-        sizes: of kp, ki and alpha, in which the radius counts, shape (3,).
+        hessian: positive semidefinite, by d/sizes, shape (n, n).
+        sizes: of the n numbers of the controller, in which the radius counts, shape (n,).
         radius: of the region.
-        low, high: ends of the gains' ranges, shape (3,).
+        room: from the numbers to the lower and the upper ends of their ranges, shapes (n,).
         scale: of the objective.
         penalty: of s.
     """
-    gains = np.array([model.gains.kp, model.gains.ki, model.gains.alpha])
-    region = np.maximum(np.minimum(radius, (gains - low) / sizes), 0.0), np.maximum(
-        np.minimum(radius, (high - gains) / sizes), 0.0
-    )  # fmt: skip
+    n, (low, high) = len(sizes), room
+    region = np.clip(-low / sizes, 0.0, radius), np.clip(high / sizes, 0.0, radius)
     pieces = _Pieces(model, sizes, scale)
-    cuts = pieces.cuts_at(np.zeros(3), -np.inf, -np.inf, 0.0)
+    cuts = pieces.cuts_at(np.zeros(n), -np.inf, -np.inf, 0.0)
     has_aim = len(model.aims) > 0 or any(each.row < 0 for each in model.sums)
     x = z = np.zeros(0)
     for _ in range(_ROUNDS):
@@ -98,8 +96,9 @@ def solve_step(
         if solved is None:
             return None
         x, z = solved
-        promised = (model.objective / scale - x[3] if has_aim else 0.0) + penalty * (model.violation - x[4])
-        new = pieces.cuts_at(x[:3], x[3] if has_aim else np.inf, max(x[4], 0.0), _MET * max(promised, 0.0) + _EXACT)
+        d, t, s = x[:n], float(x[n]), float(x[n + 1])
+        promised = (model.objective / scale - t if has_aim else 0.0) + penalty * (model.violation - s)
+        new = pieces.cuts_at(d, t if has_aim else np.inf, max(s, 0.0), _MET * max(promised, 0.0) + _EXACT)
         if not new:
             break
         cuts += new
@@ -115,9 +114,9 @@ def solve_step(
         else:
             rows[cut.place] += price
     signs = [m / p if p > 0.0 else s for m, p, s in zip(mixed, sums, signs, strict=True)]
-    slack = float(max(x[4], 0.0))
-    expected = float(x[3] if has_aim else 0.0) + penalty * slack
-    return Step(sizes * x[:3], expected, slack, rows, aims, sums, tuple(signs))
+    slack = float(max(x[n + 1], 0.0))
+    expected = float(x[n] if has_aim else 0.0) + penalty * slack
+    return Step(sizes * x[:n], expected, slack, rows, aims, sums, tuple(signs))
 
 
 class _Pieces:
@@ -168,24 +167,32 @@ def _solve(
     # its compiled module has no type hints
     clarabel: Any = clarabel_module
 
-    n = len(cuts)
-    rows = np.zeros((n + 7, 5))
-    rhs = np.empty(n + 7)
+    # d, then t and s
+    n, count = len(hessian), len(cuts)
+    rows = np.zeros((count + 2 * n + 1, n + 2))
+    rhs = np.empty(len(rows))
     for k, cut in enumerate(cuts):
-        rows[k, :3], rhs[k] = cut.a, cut.b
-        rows[k, 3 if cut.of_aim else 4] = -1.0
-    rows[n : n + 3, :3], rows[n + 3 : n + 6, :3], rows[n + 6, 4] = -np.eye(3), np.eye(3), -1.0
-    rhs[n : n + 3], rhs[n + 3 : n + 6], rhs[n + 6] = region[0], region[1], 0.0
-    quadratic, linear = np.zeros((5, 5)), np.array([0.0, 0.0, 0.0, 1.0 if has_aim else 0.0, penalty])
-    quadratic[:3, :3] = np.triu(hessian)
+        rows[k, :n], rhs[k] = cut.a, cut.b
+        rows[k, n if cut.of_aim else n + 1] = -1.0
+    rows[count : count + 2 * n, :n] = np.vstack([-np.eye(n), np.eye(n)])
+    rhs[count : count + 2 * n] = np.concatenate(region)
+    rows[-1, n + 1], rhs[-1] = -1.0, 0.0
+    quadratic = np.zeros((n + 2, n + 2))
+    linear = np.append(np.zeros(n), [1.0 if has_aim else 0.0, penalty])
+    quadratic[:n, :n] = np.triu(hessian)
     if not has_aim:
         # nothing bounds t
-        quadratic[3, 3] = 1.0
+        quadratic[n, n] = 1.0
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
     found = clarabel.DefaultSolver(
-        sparse.csc_matrix(quadratic), linear, sparse.csc_matrix(rows), rhs, [clarabel.NonnegativeConeT(n + 7)], settings
+        sparse.csc_matrix(quadratic),
+        linear,
+        sparse.csc_matrix(rows),
+        rhs,
+        [clarabel.NonnegativeConeT(len(rows))],
+        settings,
     ).solve()
     x, z = np.array(found.x), np.array(found.z)
-    return (x, z[:n]) if np.isfinite(x).all() and np.isfinite(z).all() else None
+    return (x, z[:count]) if np.isfinite(x).all() and np.isfinite(z).all() else None

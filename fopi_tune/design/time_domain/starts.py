@@ -7,10 +7,9 @@ import numpy as np
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.design.global_search.basins import scan_box
-from fopi_tune.design.global_search.problem import Problem
-from fopi_tune.design.time_domain.local_search import gains_array
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
-from fopi_tune.design.time_domain.problem import ScenarioProblem, box_of, units_of
+from fopi_tune.design.time_domain.numbers import Numbers
+from fopi_tune.design.time_domain.problem import ScenarioProblem
 from fopi_tune.design.time_domain.worst_plants import Family
 from fopi_tune.errors import DomainError
 
@@ -52,7 +51,7 @@ def starts_of(problem: ScenarioProblem, cuts: LoopCuts, count: int, scattered: i
             judged.append((cost + _PENALTY * max(abs(cost), 1.0) * cuts.violation(found), gains))
     kept: list[FoPi] = []
     for _, gains in sorted(judged, key=lambda each: each[0]):
-        if all(_are_apart(gains, other) for other in kept):
+        if all(_are_apart(problem.numbers, gains, other) for other in kept):
             kept.append(gains)
         if len(kept) == count:
             break
@@ -63,34 +62,35 @@ def scatter(problem: ScenarioProblem, count: int) -> list[FoPi]:
     """Gains over the whole box, evenly in their logarithms about the unit gains, without a random number."""
     from scipy.stats import qmc
 
-    low, high = problem.box
-    share = qmc.Sobol(5, scramble=False).random(2 ** int(np.ceil(np.log2(count))))[1 : count + 1]
+    numbers = problem.numbers
+    n, linear, (low, high) = numbers.count, numbers.linear, numbers.box
+    share = qmc.Sobol(n + linear, scramble=False).random(2 ** int(np.ceil(np.log2(count))))[1 : count + 1]
     found = []
     for row in share:
-        alpha = low[2] + row[2] * (high[2] - low[2])
-        units = problem.units(alpha)
-        both = [_between(row[k], row[3 + k], low[k], high[k], units[k]) for k in range(2)]
-        if both[0] != 0.0 or both[1] != 0.0:
-            found.append(FoPi(both[0], both[1], float(alpha)))
+        x = low + row[:n] * (high - low)
+        units = numbers.units(x)
+        x[:linear] = [_between(row[k], row[n + k], low[k], high[k], units[k]) for k in range(linear)]
+        if np.any(x[:linear] != 0.0):
+            found.append(numbers.controller(x))
     return found
 
 
-def gains_between(loop: Problem, x: Array) -> FoPi:
-    """Gains at a point of the unit cube: kp and ki evenly in their logarithms about the unit gains.
+def gains_between(numbers: Numbers, share: Array) -> FoPi:
+    """Gains at a point of the unit cube: evenly in their logarithms about the unit gains.
 
     Args:
-        loop: gives ranges and units.
-        x: shape (3,); of a range that holds both signs the lower half is the negative one.
+        numbers: gives ranges and units.
+        share: shape (n,); of a range that holds both signs the lower half is the negative one.
     """
-    low, high = box_of(loop)
-    alpha = low[2] + x[2] * (high[2] - low[2])
-    units, both = units_of(loop, float(alpha)), []
-    for k in range(2):
-        share, sign = float(x[k]), 0.0
+    low, high = numbers.box
+    x = low + share * (high - low)
+    units = numbers.units(x)
+    for k in range(numbers.linear):
+        part, sign = float(share[k]), 0.0
         if low[k] < 0.0 < high[k]:
-            share, sign = abs(2.0 * share - 1.0), 0.0 if share >= 0.5 else 1.0
-        both.append(_between(share, sign, low[k], high[k], units[k]))
-    return FoPi(both[0], both[1], float(alpha))
+            part, sign = abs(2.0 * part - 1.0), 0.0 if part >= 0.5 else 1.0
+        x[k] = _between(part, sign, low[k], high[k], units[k])
+    return numbers.controller(x)
 
 
 def _between(share: float, sign: float, low: float, high: float, unit: float) -> float:
@@ -120,10 +120,11 @@ def _cost(corners: Family, gains: FoPi, points: Array) -> float:
     return aim + _PENALTY * max(abs(aim), 1e-9) * min(missed, 1e3)
 
 
-def _are_apart(one: FoPi, other: FoPi) -> bool:
-    a, b = gains_array(one), gains_array(other)
-    if abs(a[2] - b[2]) > _APART_IN_ORDER:
+def _are_apart(numbers: Numbers, one: FoPi, other: FoPi) -> bool:
+    a, b, linear = numbers.of(one), numbers.of(other), numbers.linear
+    if np.any(np.abs(a[linear:] - b[linear:]) > _APART_IN_ORDER):
         return True
+    a, b = a[:linear], b[:linear]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.abs(np.log(np.abs(a[:2]) / np.abs(b[:2])))
-    return bool(np.any(np.sign(a[:2]) != np.sign(b[:2])) or np.nanmax(ratio, initial=0.0) > _APART)
+        ratio = np.abs(np.log(np.abs(a) / np.abs(b)))
+    return bool(np.any(np.sign(a) != np.sign(b)) or np.nanmax(ratio, initial=0.0) > _APART)

@@ -51,7 +51,10 @@ from fopi_tune.simulation.scenario import Horizon, Hybrid, Measures, Mode, Scena
 CHUNK = 16384
 
 
-def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None, first_index: int = 0) -> Traces:
+def simulate(
+    modes: Sequence[Mode], scenario: Scenario, count: int | None = None, first_index: int = 0, *,
+    held: DiscretePlants | None = None,
+) -> Traces:  # fmt: skip
     """All signals of a few plants; keeps 8 numbers per plant and sample.
 
     Args:
@@ -59,13 +62,14 @@ def simulate(modes: Sequence[Mode], scenario: Scenario, count: int | None = None
         scenario: everything else.
         count: number of plants; needed when a function supplies them.
         first_index: of the first plant, for functions and for the noise.
+        held: the plants of one mode as `discretize_plants` has them, where they are driven again and again.
 
     Raises:
         DomainError: modes, plants and scenario do not belong together, or a plant cannot be simulated.
     """
     total = _count(modes, scenario, count)
-    held = _discretized_all(modes, scenario, first_index, total)
-    kept = _run(modes, *held, scenario, Horizon(0.0), first_index, keep=True)[1]
+    discretized = _discretized_all(modes, scenario, first_index, total) if held is None else ([held], None)
+    kept = _run(modes, *discretized, scenario, Horizon(0.0), first_index, keep=True)[1]
     time_s = np.asarray(scenario.sample_time_s * np.arange(len(scenario.signals)), dtype=float)
     signals = dict(zip(TRACES[:6], kept, strict=False))
     return Traces(time_s, **signals, mode=kept[6].astype(np.int64) + 1, rate_after=kept[7])

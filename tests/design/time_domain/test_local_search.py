@@ -8,7 +8,7 @@ from cases.scenario_designs import DESIGNS
 from oracles.scenario_gains import best_of, is_met, near, objective
 
 from fopi_tune.core.controller import FoPi
-from fopi_tune.design.time_domain.local_search import gains_array, local_search, merit_of, scale_of
+from fopi_tune.design.time_domain.local_search import local_search, merit_of, scale_of
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
 from fopi_tune.design.time_domain.model import Modeller
 from fopi_tune.design.time_domain.problem import ScenarioProblem
@@ -30,7 +30,7 @@ def test_every_start_ends_at_the_optimum(start: str) -> None:
     # the worst plant of this problem is a vertex
     assert found.model.objective == pytest.approx(known.iae, rel=1e-3)
     assert known.gains is not None
-    np.testing.assert_allclose(gains_array(found.gains), known.gains, rtol=5e-3)
+    np.testing.assert_allclose(made.problem.numbers.of(found.gains), known.gains, rtol=5e-3)
     assert found.step is not None
     assert 1 <= found.steps <= 60
 

@@ -9,16 +9,16 @@ import pytest
 
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
+from fopi_tune.design.time_domain.loop_cuts import LoopCuts
 from fopi_tune.design.time_domain.measures import Points, ScenarioRun, points_of, unit_of
+from fopi_tune.design.time_domain.model import Modeller
 from fopi_tune.design.time_domain.problem import ScenarioProblem, ScenarioRow
-from fopi_tune.digital.derivatives import controller_derivatives
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.simulation.measures import measure_values
 from fopi_tune.simulation.sampled.simulate import measure
 from fopi_tune.simulation.scenario import Measures, Mode
-from fopi_tune.simulation.sensitivities import trajectories
 from fopi_tune.spec import parse_spec
 from fopi_tune.spec.measures import DESIGNED_MEASURES
 from fopi_tune.spec.model import DesignSpec, Limit, Relation
@@ -80,8 +80,9 @@ def points(name: str, gains: FoPi, word: str, limit: float = 1.0, relation: Rela
     spec, run = spec_of(name), run_of(name)
     row = ScenarioRow(0, Limit(word, relation, limit), run)
     problem = ScenarioProblem.of(spec)
-    found = trajectories(controller_derivatives(spec, gains), problem.discrete(POINTS), run.run)
-    return points_of(word, run, found, row.unsettled_samples)
+    found = Modeller(problem, LoopCuts(problem.loop), POINTS).trajectories_of(gains)
+    assert found is not None
+    return points_of(word, run, found[run.spec.name], row.unsettled_samples)
 
 
 @lru_cache(maxsize=512)

@@ -68,7 +68,7 @@ def test_objectives() -> None:
     made = modeller("{maximize: ki}")
     ki = made.at(GAINS)
     assert ki is not None
-    assert ki.objective == pytest.approx(-GAINS.ki / made.problem.units(GAINS.alpha)[1])
+    assert ki.objective == pytest.approx(-GAINS.ki / made.problem.numbers.units(np.array([GAINS.kp, GAINS.ki, GAINS.alpha]))[1])
 
 
 def test_the_loops_rows_are_beside_them() -> None:

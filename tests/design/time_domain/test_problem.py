@@ -89,11 +89,11 @@ def test_plants_of_the_box() -> None:
 
 def test_ranges_of_gains_are_those_of_the_spec_and_finite() -> None:
     found = problem()
-    low, high = found.box
+    low, high = found.numbers.box
     assert (low[0], low[1]) == (-1.0, 0.0)
     assert tuple(low[[2]]) + tuple(high[[0, 2]]) == (0.5, 5.0, 1.4)
     assert high[1] < 1e12
-    gains = found.inside(np.array([99.0, -3.0, 0.1]))
+    gains = found.numbers.inside(np.array([99.0, -3.0, 0.1]))
     assert (gains.kp, gains.ki, gains.alpha) == (5.0, 0.0, 0.5)
 
 
@@ -101,7 +101,7 @@ def test_units_make_the_loop_gain_1() -> None:
     """Of a lag 1/(1 + 2 s) and at its corner 0.5 rad/s: |P| = 1/sqrt 2."""
     found = problem()
     for alpha in (0.6, 1.0, 1.3):
-        kp, ki, one = found.units(alpha)
+        kp, ki, one = found.numbers.units(np.array([1.0, 1.0, alpha]))
         assert one == 1.0
         # both terms are equally large at the characteristic frequency
         omega = (ki / kp) ** (1.0 / alpha)

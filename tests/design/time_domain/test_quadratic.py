@@ -30,15 +30,21 @@ class Question:
     penalty: float = 10.0
 
     def step(self) -> Step:
-        found = solve_step(self.model, self.hessian, SIZES, self.radius, LOW, HIGH, self.scale, self.penalty)
+        found = solve_step(self.model, self.hessian, SIZES, self.radius, self.room, self.scale, self.penalty)
         assert found is not None
         return found
 
     @property
+    def room(self) -> tuple[np.ndarray, np.ndarray]:
+        """From the gains to the ends of their ranges."""
+        gains = np.array([self.model.gains.kp, self.model.gains.ki, self.model.gains.alpha])
+        return LOW - gains, HIGH - gains
+
+    @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Of d."""
-        gains = np.array([self.model.gains.kp, self.model.gains.ki, self.model.gains.alpha])
-        return np.maximum(-self.radius * SIZES, LOW - gains), np.minimum(self.radius * SIZES, HIGH - gains)
+        low, high = self.room
+        return np.maximum(-self.radius * SIZES, low), np.minimum(self.radius * SIZES, high)
 
     def cost(self, d: np.ndarray) -> float:
         """What is minimised, by its definition."""
@@ -181,10 +187,9 @@ def test_multipliers_make_the_step_stationary(seed: int, shape: tuple[int, int, 
 
 def test_a_fixed_gain_does_not_move() -> None:
     asked = question(2, 30, 40, 1, curved=True)
-    ends = LOW.copy(), HIGH.copy()
-    for end in ends:
-        end[1] = asked.model.gains.ki
-    found = solve_step(asked.model, asked.hessian, SIZES, 0.3, *ends, 2.0, 10.0)
+    low, high = asked.room
+    low[1] = high[1] = 0.0
+    found = solve_step(asked.model, asked.hessian, SIZES, 0.3, (low, high), 2.0, 10.0)
     assert found is not None
     assert abs(found.d[1]) < 1e-9
 
