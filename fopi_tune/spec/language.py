@@ -99,6 +99,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     _check_between_sections(values, placed, place)
     _check_scenarios(values, measured, place)
     values |= check_scenario_design(values, measured, place)
+    _refuse_times_for_designed_scenarios(values, measured, place)
     if place.has("plants"):
         refuse_for_lists(values, measured, place)
     refuse_for_fractional(values, place)
@@ -173,18 +174,36 @@ def _check_between_sections(values: Values, placed: list[PlacedRequirement], pla
         place.child("objective").child("maximize").refuse(message)
 
 
+def _refuse_times_for_designed_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:
+    """A filter whose time has a range beside a requirement or an objective about a scenario."""
+    controller, objective = values.get("controller"), values.get("objective")
+    times = None if controller is None else controller.filter_times
+    if times is None or not (measured or (objective is not None and objective.scenario is not None)):
+        return
+    for name in times.ranges:
+        _place_of_time(place, name).refuse(
+            "a filter's time with a range is designed for requirements and objectives of the loop's frequencies; write "
+            "one number, or write what scenarios have to meet under `limits:`, which is judged and not designed for"
+        )
+
+
 def _refuse_times_below_half_a_sample(controller: ControllerSpec | None, sample_time_s: float, place: Place) -> None:
     """Ranges of filters' times in which some have no filter on samples."""
     times = None if controller is None else controller.filter_times
     for name, (low, _) in ({} if times is None else times.ranges).items():
         if low < 0.5 * sample_time_s:
-            where = place.child("controller")
-            for key in name.split("."):
-                where = where.child(key)
-            where.child("min").refuse(
+            _place_of_time(place, name).child("min").refuse(
                 f"{low:g} s is below half the sample time, and such a filter rings on samples; write "
                 f"{0.5 * sample_time_s:g} or more, or a shorter sample_time_s"
             )
+
+
+def _place_of_time(place: Place, name: str) -> Place:
+    """Where a filter's time is written."""
+    where = place.child("controller")
+    for key in name.split("."):
+        where = where.child(key)
+    return where
 
 
 def _check_scenarios(values: Values, measured: list[PlacedLimit], place: Place) -> None:

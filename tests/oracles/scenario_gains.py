@@ -23,7 +23,7 @@ from fopi_tune.proof import verify
 from fopi_tune.simulation.measures import horizon_of, measure_values, scenario_of
 from fopi_tune.simulation.sampled.simulate import measure
 from fopi_tune.simulation.scenario import Mode
-from fopi_tune.spec.model import DesignSpec, GainRange, Relation
+from fopi_tune.spec.model import DesignSpec, Relation
 from fopi_tune.spec.scenarios import frequency_part
 
 #: by which limits may be missed: relative, of overshoots to the size of a step
@@ -136,17 +136,11 @@ def best_of(
 def near(spec: DesignSpec, gains: FoPi, count: int, seed: int) -> Iterable[FoPi]:
     """Gains about others, from a thousandth of them away to a half, within their ranges."""
     rng = np.random.default_rng(seed)
-    box = spec.controller
-
-    def within(value: float, ends: GainRange) -> float:
-        return float(np.clip(value, ends.min, ends.max))
-
+    ranges = spec.controller.ranges
     for _ in range(count):
-        size = 10.0 ** rng.uniform(-3.0, -0.3)
-        kp, ki, alpha = rng.normal(size=3)
-        order = box.alpha
-        yield FoPi(
-            within(gains.kp * math.exp(size * kp), box.kp),
-            within(gains.ki * math.exp(size * ki), box.ki),
-            float(np.clip(gains.alpha + 0.3 * size * alpha, order.min, order.max)),
-        )
+        size, moved = 10.0 ** rng.uniform(-3.0, -0.3), {}
+        for (name, ends), by in zip(ranges.items(), rng.normal(size=len(ranges)), strict=True):
+            here = getattr(gains, name)
+            there = here + 0.3 * size * by if name in ("alpha", "mu") else here * math.exp(size * by)
+            moved[name] = float(np.clip(there, ends.min, ends.max))
+        yield replace(gains, **moved)

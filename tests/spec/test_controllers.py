@@ -51,15 +51,22 @@ def test_what_runs_depends_on_the_weight_and_the_loop_does_not(structure: str) -
     assert "digital" in set(DIGITAL_PARTS) - set(DESIGN_PARTS)
 
 
-def test_a_weight_beside_requirements_about_scenarios_is_refused() -> None:
-    for line in ("objective: {minimize: iae, scenario: one}\n", ""):
-        text = (
-            SPEC
-            if line
-            else SPEC.replace("at_least: 60}}]", "at_least: 60}}, {overshoot: {at_most: 0.2}, scenario: one}]")
-        )
-        with pytest.raises(SpecError, match="with setpoint_weight: 1 in this version"):
-            parse_spec(f"{text}{line}controller: {{setpoint_weight: 0.5}}\n")
+def test_every_structure_is_designed_for_scenarios() -> None:
+    text = SPEC.replace("at_least: 60}}]", "at_least: 60}}, {overshoot: {at_most: 0.2}, scenario: one}]")
+    filtered = ", measurement_filter: {order: 1, time_constant_s: 0.1}"
+    for words in ("setpoint_weight: 0.5", PID, f"{PID}, setpoint_weight: 0.5{filtered}", f"structure: pi{filtered}"):
+        spec = parse_spec(f"{text}controller: {{{words}}}\nobjective: {{minimize: iae, scenario: one}}\n")
+        assert len(spec.scenario_requirements) == 1
+        assert spec.digital is not None
+        assert spec.digital.designs_sampled
+
+
+def test_a_filter_with_a_range_beside_requirements_about_scenarios_is_refused() -> None:
+    text = SPEC.replace("at_least: 60}}]", "at_least: 60}}, {overshoot: {at_most: 0.2}, scenario: one}]")
+    words = PID.replace("0.2", "{min: 0.1, max: 1}")
+    assert words != PID
+    with pytest.raises(SpecError, match=r"write one number, or write what scenarios have to meet under `limits:`"):
+        parse_spec(f"{text}controller: {{{words}}}\n")
 
 
 def test_a_weight_in_a_mode_is_refused(tmp_path: Path) -> None:
@@ -125,9 +132,3 @@ def test_a_measurement_filter_is_read_for_every_structure_and_is_part_of_the_con
         assert len({each[part] for each in digests}) == 1, part
     made = specs[2].controller.controller(1.0, 0.5, 1.0, 0.1, 1.0)
     assert made.measurement_filter == ft.MeasurementFilter(2, 0.1)
-
-
-def test_a_measurement_filter_and_a_requirement_on_a_scenario_are_refused_together() -> None:
-    text = SPEC.replace("requirements: [", "requirements: [{overshoot: {at_most: 0.2}, scenario: one}, ")
-    with pytest.raises(SpecError, match="without a measurement_filter in this version"):
-        parse_spec(f"{text}controller: {{structure: pi, measurement_filter: {{order: 1, time_constant_s: 0.1}}}}\n")

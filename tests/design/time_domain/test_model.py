@@ -68,7 +68,9 @@ def test_objectives() -> None:
     made = modeller("{maximize: ki}")
     ki = made.at(GAINS)
     assert ki is not None
-    assert ki.objective == pytest.approx(-GAINS.ki / made.problem.numbers.units(np.array([GAINS.kp, GAINS.ki, GAINS.alpha]))[1])
+    assert ki.objective == pytest.approx(
+        -GAINS.ki / made.problem.numbers.units(np.array([GAINS.kp, GAINS.ki, GAINS.alpha]))[1]
+    )
 
 
 def test_the_loops_rows_are_beside_them() -> None:
@@ -99,7 +101,8 @@ def test_without_learning_no_cut_is_added() -> None:
     assert made.cuts.pool == []
     assert made.at(GAINS) is not None
     assert made.cuts.pool != []
-    assert made.simulated == 2 * 2 * len(made.points)
+    # two models of two scenarios, with two neighbours for each of three numbers
+    assert made.simulated == 2 * 2 * 7 * len(made.points)
 
 
 @pytest.mark.parametrize("gains", [FoPi(0.0, 0.0, 1.0), FoPi(500.0, 900.0, 1.0)])

@@ -44,7 +44,7 @@ def problem(kp: str, ki: str, alpha: str = "{min: 0.5, max: 1.4}", gain: str = "
 def test_scattered_gains_fill_their_ranges(kp: str, ki: str) -> None:
     found = problem(kp, ki)
     gains = scatter(found, 200)
-    low, high = found.box
+    low, high = found.numbers.box
     numbers = np.array([[each.kp, each.ki, each.alpha] for each in gains])
     assert len(gains) > 150
     assert np.all((numbers >= low) & (numbers <= high))

@@ -1,4 +1,4 @@
-"""Signals with derivatives by a controller's numbers: a closed form, differences of high order, and the ranges' ends."""
+"""Signals with derivatives by a controller's numbers: a closed form, differences of high order, ends of ranges."""
 
 from __future__ import annotations
 
