@@ -159,7 +159,7 @@ def _beyond_the_models(certificate: Certificate) -> list[str]:
         return []
     what = "a measurement filter" if derivative_of(gains).kd == 0.0 else "a derivative"
     limited = certificate.limited is not None and certificate.limited.proof is not None
-    parts = {"scenarios": bool(certificate.scenarios), "with_limits": limited}
+    parts = {"scenarios": any(each.case.acts_on_error for each in certificate.scenarios), "with_limits": limited}
     return [f"{name}: nothing is shown of a controller with {what}" for name, stated in parts.items() if stated]
 
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import PlantFamily
-from fopi_tune.digital.implementation import runtime_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
@@ -66,22 +65,20 @@ def prove_scenarios(
 
 
 def cases_of(spec: DesignSpec, implementation: Implementation) -> list[tuple[int, TimeDomainCase]]:
-    """What is to be proved, in the order of the requirements and, of one about all scenarios, of these.
-
-    Nothing of a controller that acts on more than the control error: its requirements stay checked by simulation.
-    """
+    """What is to be proved, in the order of the requirements and, of one about all scenarios, of these."""
     from fopi_tune.proof.time_domain import TimeDomainCase
 
-    assert spec.digital is not None
-    controller = runtime_of(implementation.sections, spec)
-    if not controller.acts_on_error:
-        return []
+    digital, box = spec.digital, spec.controller
+    assert digital is not None
+    limits, rate = digital.output_limits, digital.output_rate_per_s
+    controller = Runtime.of(implementation.sections, Precision.FLOAT64, limits, rate)
+    on_error = not box.has_derivative and box.setpoint_weight == 1.0 and box.measurement_filter is None
     return [
         (
             index,
             TimeDomainCase(
                 spec.plant, controller, implementation.sample_time_s, implementation.delay_samples,
-                replace(scenario, noise_std=0.0), _meaning(limit), spec.digital.measurement_unit,
+                replace(scenario, noise_std=0.0), _meaning(limit), digital.measurement_unit, on_error,
             ),
         )
         for index, limit in enumerate(spec.scenario_requirements)
@@ -122,6 +119,7 @@ def scenario_entries(proofs: Sequence[ScenarioProof]) -> list[dict[str, Any]]:
             "measurement_unit": each.case.measurement_unit,
             "output_limits": [end if math.isfinite(end) else None for end in each.case.output_limits],
             **({"most_change": each.case.controller.most_change} if each.case.controller.limits_rate else {}),
+            **({} if each.case.acts_on_error else {"acts_on_error": False}),
             "proof": to_document(each.case, each.proof),
         }
         for each in proofs
@@ -160,13 +158,14 @@ def _read(entry: JsonObject, family: PlantFamily, implementation: Implementation
         raise CertificateError(f"{entry.place} names no requirement, or no two output_limits")
     low, high = (entry_end(end, sign, entry) for end, sign in zip(ends, (-1.0, 1.0), strict=True))
     change = read_most_change(entry)
+    on_error = entry.flag("acts_on_error") if "acts_on_error" in entry.value else True
     try:
         controller = Runtime.of(implementation.sections, Precision.FLOAT64, (low, high))
         controller = replace(controller, most_change=change)
         scenario = _read_scenario(entry.child("scenario"), implementation.sample_time_s)
         case = TimeDomainCase(
             family, controller, implementation.sample_time_s, implementation.delay_samples, scenario, limit,
-            entry.text("measurement_unit"),
+            entry.text("measurement_unit"), on_error,
         )  # fmt: skip
         return ScenarioProof(index, case, from_document(case, said.value, said.place))
     except DomainError as error:
@@ -267,4 +266,5 @@ def mismatches(proofs: Sequence[ScenarioProof], spec: DesignSpec, implementation
 
 
 def _content(case: TimeDomainCase) -> tuple[object, ...]:
-    return case.scenario, case.limit, case.measurement_unit, case.output_limits, case.controller.most_change
+    about = case.scenario, case.limit, case.measurement_unit
+    return *about, case.output_limits, case.controller.most_change, case.acts_on_error

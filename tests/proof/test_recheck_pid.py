@@ -158,3 +158,38 @@ def test_a_certificate_beside_limits_that_nothing_is_shown_of_is_sound() -> None
     document = json.loads(json.dumps(to_document(certificate), allow_nan=False))
     assert "a derivative" in document["with_limits"]["statement"]
     assert ft.recheck(document, spec).problems == ()
+
+
+SCENARIO = """\
+digital: {sample_time_s: 0.05, design: sampled}
+scenarios: [{name: step, duration_s: 5, reference: [{at_s: 0, value: 1}]}]
+"""
+OTHERS = {
+    "pid": (FILTER, PID),
+    "weight": ("pi, setpoint_weight: 0.5", ft.FoPi(0.6, 0.5, 1.0)),
+    "filter": (
+        "pi, measurement_filter: {order: 1, time_constant_s: 0.1}",
+        ft.FoPi(0.6, 0.5, 1.0, measurement_filter=ft.MeasurementFilter(1, 0.1)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_requirement_on_a_scenario_is_left_to_the_check_and_cannot_be_said_to_be_proved(name: str) -> None:
+    from fopi_tune.digital.implementation import implementation_of
+
+    structure, gains = OTHERS[name]
+    text = TEXT.replace("STRUCTURE", structure).split("  - {control")[0]
+    spec = parse_spec(text + "  - {overshoot: {at_most: 0.9}, scenario: step}\n" + SCENARIO)
+    implementation = implementation_of(spec, gains)
+    certificate = certify(spec, verify(spec, gains, implementation=implementation), {}, implementation)
+    document = json.loads(json.dumps(to_document(certificate), allow_nan=False))
+    (entry,) = document["scenarios"]
+    assert (entry["acts_on_error"], entry["proof"]["verdict"]) == (False, "undecided")
+    assert certificate.verdict is Verdict.PROVED
+    assert ft.recheck(document, spec).problems == ()
+    for key, value in (("acts_on_error", True), ("verdict", "proved")):
+        changed = copy.deepcopy(document)
+        (changed["scenarios"][0] if key in entry else changed["scenarios"][0]["proof"])[key] = value
+        changed["digest"] = digest(changed)
+        assert ft.recheck(changed, spec).problems != ()

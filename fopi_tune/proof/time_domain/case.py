@@ -13,7 +13,6 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.parallel_form import Implementation, Sections
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.digital.runtime import Runtime, init
-from fopi_tune.errors import DomainError
 from fopi_tune.proof.time_domain.bounded import Causal, above
 from fopi_tune.simulation.measures import horizon_of, scenario_of
 from fopi_tune.simulation.scenario import Horizon, InitialInput, Scenario
@@ -41,9 +40,7 @@ class TimeDomainCase:
         scenario: the spec's.
         limit: the requirement; `undershoot` is known here as well.
         measurement_unit: of the output; an acceleration needs a velocity.
-
-    Raises:
-        DomainError: the controller acts on more than the control error.
+        acts_on_error: whether the controller acts on r - y alone; nothing is proved of another one.
     """
 
     family: PlantFamily
@@ -53,10 +50,7 @@ class TimeDomainCase:
     scenario: ScenarioSpec
     limit: Limit
     measurement_unit: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.controller.acts_on_error:
-            raise DomainError("proofs of scenarios are of controllers without derivative and with setpoint_weight: 1")
+    acts_on_error: bool = True
 
     @cached_property
     def run(self) -> Scenario:

@@ -60,6 +60,8 @@ def why_no_method(case: TimeDomainCase) -> str:
     measure = case.limit.measure
     if case.controller.limits_rate:
         return RATE_NOT_MODELLED
+    if not case.acts_on_error:
+        return "a derivative, a setpoint_weight or a measurement_filter is not modelled in this proof"
     if measure not in PROVABLE:
         return f"{measure} has none"
     if measure == ACCELERATION and velocity_unit(case.measurement_unit) is None:

@@ -257,6 +257,7 @@ class ScenarioProofEntry(TypedDict):
         measurement_unit: of the output.
         output_limits: of the control, in its unit, lower first; null: none.
         most_change: of the control from sample to sample, in its unit.
+        acts_on_error: false of a controller that acts on more than r - y, of which nothing is shown.
         proof: what is shown.
     """
 
@@ -265,6 +266,7 @@ class ScenarioProofEntry(TypedDict):
     measurement_unit: str
     output_limits: list[float | None]
     most_change: NotRequired[float]
+    acts_on_error: NotRequired[bool]
     proof: TimeDomainProofEntry
 
 
