@@ -34,7 +34,7 @@ NEEDS = {"howto/c_on_target": ("gcc", "make")}
 LONG_PAGES = ["paper", "tutorial", "api"]
 LONG_PAGES += [f"howto/{name}" for name in ("comfort", "what_a_limit", "own_plant", "two_loops", "fractional_plant")]
 LONG_PAGES += [
-    f"howto/{name}" for name in ("c_on_target", "derivative", "reports", "dask", "batch", "evidence", "python")
+    f"howto/{name}" for name in ("c_on_target", "derivative", "reports", "dask", "batch", "evidence", "python", "where")
 ]
 
 

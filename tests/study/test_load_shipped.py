@@ -127,6 +127,7 @@ def test_more_of_a_structure_is_never_worse_on_a_plant_that_oscillates(structure
     assert errors["pid"] < errors["pi"]
     assert costs["pi"] < costs["pid"]
     if len(structures) == 4:
-        assert errors["fopid"] < min(errors["fopi"], errors["pid"])
-        assert errors["fopi"] < errors["pi"]
+        # an order of the integral pays little, one of the derivative beside it a lot
+        assert errors["fopid"] < 0.7 * errors["pid"] < 0.2 * errors["fopi"]
+        assert 0.8 * errors["pi"] < errors["fopi"] < errors["pi"]
         assert costs["pid"] < costs["fopi"] < costs["fopid"]
