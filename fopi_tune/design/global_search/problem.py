@@ -119,9 +119,9 @@ class Problem:
         objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)
-        sampled = spec.digital is not None and spec.digital.designs_sampled
+        sampled = spec.sampled_design
         # where the filter has to be exact at the crossover, a first guess of that
-        samples = Samples(spec.digital, scale, scale.omega_rad_s) if spec.digital is not None and sampled else None
+        samples = None if sampled is None else Samples(sampled, scale, scale.omega_rad_s)
         if samples is not None and samples.digital.method != Method.FIT:
             # a filter that cannot be made is refused as such
             orders = {} if spec.controller.mu is None else {"mu": spec.controller.mu.max}

@@ -91,9 +91,9 @@ class LoopGainBounds:
         if self.integral.is_zero():
             return low, _ZERO
         if not math.isinf(u[1]):
-            low = self.controllers.integral_size_below(self.integral, u[1])[0]
+            low = self.controllers.least_integral_size(self.integral, u[1])
         if not math.isinf(u[0]):
-            high = self.controllers.integral_size_above(self.integral, u[0])[1]
+            high = self.controllers.largest_integral_size(self.integral, u[0])
         return low if low > 0 else _ZERO, high
 
     def _integral_response(self, u: Interval) -> acb:

@@ -31,7 +31,7 @@ from fopi_tune.optimum.samples.filter_of_order import FilterAtOrder, FilterOfOrd
 from fopi_tune.proof.balls.box import Interval, ball_of, centre_of
 
 _T = TypeVar("_T")
-#: half-widths of orders from which their ends tell something that the slopes do not, and more
+#: half-widths of orders from which on size and angle by (2) sharpen a response, and replace a Taylor model in the order
 _NARROW, _WIDE = 0.01, 0.1
 #: responses that are kept
 _MOST_KNOWN = 512

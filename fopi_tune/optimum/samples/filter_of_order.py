@@ -105,7 +105,7 @@ class FilterAtOrder:
         return self._fourth(w) - self._fourth_at_middle
 
     def slope(self, w: acb) -> acb:
-        """d ln F/d ln w by (3)."""
+        """d ln F/d ln w by (3): the first of `slopes` alone, at less cost."""
         found = acb(-1)
         for (_, zero, _), (_, pole, _) in zip(self.corners[::2], self.corners[1::2], strict=True):
             found = found - zero / (w + zero) + pole / (w + pole)

@@ -40,12 +40,13 @@ _ONE = arb(1)
 _MOST_KNOWN = 512
 
 
+@dataclass(frozen=True)
 class _WithFilter(Parametrization):
     """Filters over intervals of orders, which many boxes share.
 
-    Attributes:
+    Args:
         filter: F.
-        nu: tan(omega Ts/2) at the anchor.
+        nu: tan(omega Ts/2) at the anchor, the frequency at which |F| is counted as 1.
     """
 
     filter: FilterOfOrder
@@ -66,15 +67,7 @@ class _WithFilter(Parametrization):
 
 @dataclass(frozen=True)
 class SampledGainParametrization(_WithFilter, GainParametrization):
-    """kp, z = ki ws^-alpha and alpha.
-
-    Args:
-        filter: F.
-        nu: tan(omega Ts/2) at a frequency at which |F| is counted from.
-    """
-
-    filter: FilterOfOrder
-    nu: arb
+    """kp, z = ki ws^-alpha and alpha; the anchor is any frequency."""
 
     def controllers(self, box: Box) -> ControllerBox:
         return SampledGainBox(self, box)
@@ -94,13 +87,11 @@ class BoxOnSamples(ControllerBox):
         """What the integral's gain is multiplied with where F is counted from its size at the anchor."""
         return _ONE
 
-    def integral_size_below(self, integral: arb, u: float) -> tuple[arb, arb]:
-        least = (abs(integral) * self.scale).lower() * self.filters.sizes(u)[0]
-        return arb(least.lower()), arb.pos_inf()
+    def least_integral_size(self, integral: arb, u: float) -> arb:
+        return arb(((abs(integral) * self.scale).lower() * self.filters.sizes(u)[0]).lower())
 
-    def integral_size_above(self, integral: arb, u: float) -> tuple[arb, arb]:
-        most = (abs(integral) * self.scale).upper() * self.filters.sizes(u)[1]
-        return arb(0), arb(most.upper())
+    def largest_integral_size(self, integral: arb, u: float) -> arb:
+        return arb(((abs(integral) * self.scale).upper() * self.filters.sizes(u)[1]).upper())
 
     def integral_lag(self, u: Interval) -> arb:
         return self.filters.lag(u)
@@ -155,15 +146,7 @@ class SampledGainBox(BoxOnSamples, GainBox):
 
 @dataclass(frozen=True)
 class SampledCrossoverParametrization(_WithFilter, CrossoverParametrization):
-    """alpha and psi, by (2).
-
-    Args:
-        filter: F.
-        nu: tan(wc Ts/2).
-    """
-
-    filter: FilterOfOrder
-    nu: arb
+    """alpha and psi, by (2); the anchor is wc."""
 
     def controllers(self, box: Box) -> ControllerBox:
         return SampledCrossoverBox(self, box)
@@ -181,6 +164,7 @@ class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
         return self.filters.anchor_size(arb(0))
 
     def _gains(self, x: acb, alpha: arb) -> tuple[arb, arb]:
+        # over all orders ki |F_c|, in which the order hardly shows; at the centre ki itself
         if alpha is not self._alpha_c:
             lag = self.filters.lag_at_anchor
             return x.real + x.imag * lag.cot(), -x.imag / lag.sin()

@@ -90,8 +90,8 @@ def check_integral(
     size = abs(integral)
     response = controllers.integral_response(controllers.integral, u)
     assert inside(response, integral)
-    least = controllers.integral_size_below(controllers.integral, u[1])[0]
-    most = controllers.integral_size_above(controllers.integral, u[0])[1]
+    least = controllers.least_integral_size(controllers.integral, u[1])
+    most = controllers.largest_integral_size(controllers.integral, u[0])
     assert least <= size * (1.0 + 1e-6) + ROOM
     assert size * (1.0 - 1e-6) - ROOM <= most
 
