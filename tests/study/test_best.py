@@ -105,9 +105,9 @@ def test_why_there_is_none_is_told_by_the_conditions_names() -> None:
     assert least(b__at_most=2.0) == "none of 3 cells has b at most 2 (the least is 3)"
     assert least(b__equals="x") == "none of 3 cells has b equals x"
     assert least(b__at_least=4.0, a__at_most=1.0) == (
-        "none of 3 cells meets all of b at least 4 (1 do), a at most 1 (1 do)"
+        "none of 3 cells meets all of b at least 4 (1 does), a at most 1 (1 does)"
     )
-    assert told(BestRule(Sense.MINIMIZE, "c"), *rows).message == ("no cell has a number in the column c")
+    assert told(BestRule(Sense.MINIMIZE, "c"), *rows).message == "no cell has a number in the column c"
     assert find_best(BestRule(Sense.MINIMIZE, "a"), [{"cell": 1, "outcome": "failed", "a": 1}]).message == (
         "none of 1 cell ends well"
     )
