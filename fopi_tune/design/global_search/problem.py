@@ -52,8 +52,8 @@ from fopi_tune.spec.model import DesignSpec, GainRange
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
-#: natural units
-_SAME_COST = 1e-9
+#: natural units; costs that differ by less are the same
+SAME_COST = 1e-9
 #: relative
 _SAME_CROSSOVER = 1e-9
 #: tables that are kept: two a problem
@@ -346,7 +346,7 @@ class Problem:
 
     def is_at_floor(self, cost: float, x: Array) -> bool:
         """Whether gains with an integral cost as little as any of them."""
-        return bool(x[1] != 0.0) and cost <= self.floor + _SAME_COST
+        return bool(x[1] != 0.0) and cost <= self.floor + SAME_COST
 
     @property
     def peak_offset(self) -> float:
