@@ -82,7 +82,6 @@ def test_a_spec_that_no_gains_meet_on_samples_is_proved_infeasible() -> None:
 
 # -- what is never shown -----------------------------------------------------------------------------------------------
 
-
 SLOW_BOUNDS = [("lag", 6), ("lag with dead time", 1), ("lag with dead time", 2), ("second order", 1)]
 
 
@@ -92,12 +91,7 @@ SLOW_BOUNDS = [("lag", 6), ("lag with dead time", 1), ("lag with dead time", 2),
         ("direct path", 1, 1),
         *(
             pytest.param(family, objective, order, marks=pytest.mark.long)
-            for family, objective in (
-                ("lag", 6),
-                ("lag with dead time", 1),
-                ("lag with dead time", 2),
-                ("second order", 1),
-            )
+            for family, objective in SLOW_BOUNDS
             for order in (None, 1)
         ),
     ],

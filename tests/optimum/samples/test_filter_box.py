@@ -24,9 +24,7 @@ def box_of(digital: DigitalSpec, orders: tuple[float, float], nu: float = 0.03) 
 
 
 def holds(ball: acb, value: complex) -> bool:
-    """Whether a value lies in both parts of a ball, but for rounding; one that is not finite states nothing."""
-    if not ball.is_finite():
-        return True
+    """Whether a value lies in both parts of a ball, but for rounding."""
     room = ROOM * abs(value)
     return bool((ball.real - value.real).abs_lower() <= room) and bool((ball.imag - value.imag).abs_lower() <= room)
 
