@@ -224,8 +224,6 @@ class LoopGainBounds:
         low, high = self._integral_size(u)
         kp = arb(self.kp.lower()), arb(self.kp.upper())
         angle = self.controllers.integral_lag(u)
-        if not angle <= arb.pi():
-            return False  # kp + z e^{ja} may turn the other way
         turn = acb(angle.cos(), angle.sin())
         least = (kp[1] + low * turn).arg() if low > 0 else _ZERO
         most = (kp[0] + high * turn).arg() if high.is_finite() and kp[0] > 0 else angle

@@ -1,19 +1,22 @@
 """The filter of s^-alpha over a box of orders:  what the places of its poles and zeros tell beyond enclosures.
 
 For alpha <= 1 the poles 0, b_1, ... and the zeros a_k of F alternate in w, beginning with the pole at 0, so that F has
-positive residues. For alpha > 1 each b_k is below its a_k, and those of Oustaloup's filter alternate, so that F w has
-positive residues, but for the modified filter's fast pair: its pole may lie below the last zero, and it turns by
-asin((alpha - 1)/(alpha + 1)) at most. Hence along the axis w = j nu, u = ln nu,
+positive residues. For alpha > 1 each b_k is below its a_k. Those of Oustaloup's filter alternate again, 0 < b_1 < a_1
+< b_2 < ..., but the modified filter's fast pole f/alpha may lie below the last zero a_n. As a_n < 0.9 f, alpha < 2 and
+arctan x + arctan y > arctan(x + y),
 
-    |F| falls with u;    a = -arg F is in (0, 90 deg) for alpha < 1, above 90 deg for alpha > 1,
-    and below 180 deg, or with the fast pair below 180 deg + asin((alpha - 1)/(alpha + 1)) < 199 deg;
+    arctan(alpha nu/f) - arctan(nu/f) < arctan(nu/a_n) ,
+
+so that the fast pair leads by less than the last zero lags. Hence along the axis w = j nu, u = ln nu,
+
+    |F| falls with u;    a = -arg F is in (0, 90 deg) for alpha < 1, in (90 deg, 180 deg) above;
     Re F falls with u for alpha <= 1, so that |kp + ki F| does for kp, ki >= 0.                                     (1)
 
 As alpha rises every zero does and every pole falls, so that along it, at each frequency,
 
     a rises,    |F(w)/F(w_a)| rises for |w| < |w_a| and falls for |w| > |w_a|,    d ln|F|/du falls.                 (2)
 
-Source: derived; (1) from partial fractions with positive residues and pairs, (2) term by term from (1) of
+Source: derived; (1) from partial fractions with positive residues and pairs of corners, (2) term by term from (1) of
 `filter_of_order`.
 """
 
@@ -26,7 +29,6 @@ from typing import Any, TypeVar
 
 from flint import acb, arb
 
-from fopi_tune.digital.discretize import Method
 from fopi_tune.optimum.samples.filter_of_order import FilterAtOrder, FilterOfOrder
 from fopi_tune.proof.balls.box import Interval, ball_of, centre_of
 
@@ -159,7 +161,7 @@ class FilterBox:
     def _lag(self, u: Interval) -> arb:
         quarter = arb.pi() / 2
         low = quarter if self._alpha > 1 else arb(0)
-        high = quarter if self._alpha <= 1 else self._most_lag
+        high = quarter if self._alpha <= 1 else 2 * quarter
         if math.isinf(u[0]) or math.isinf(u[1]):
             return low.union(high)
         (middle,) = centre_of((u,))
@@ -170,14 +172,6 @@ class FilterBox:
         both = found[0].union(found[-1])
         least, most = arb(both.lower()), arb(both.upper())
         return (least if least > low else low).union(most if most < high else high)
-
-    @cached_property
-    def _most_lag(self) -> arb:
-        """-arg F of orders above 1 is less, by (1)."""
-        if Method(self.filter.digital.method) is not Method.MODIFIED_OUSTALOUP:
-            return arb.pi()
-        order = arb(self._alpha.upper())
-        return arb.pi() + ((order - 1) / (order + 1)).asin()
 
     def _slopes(self, u: Interval) -> list[acb]:
         """d ln F/du at the least and the largest order."""

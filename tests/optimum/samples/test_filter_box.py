@@ -74,6 +74,23 @@ def test_sizes_at_the_anchor_and_lags_in_the_tails_hold_every_order(
             assert (box.lag(interval) + math.atan2(value.imag, value.real)).abs_lower() <= ROOM
 
 
+@pytest.mark.parametrize("method", ["oustaloup", "modified_oustaloup"])
+def test_sizes_fall_along_the_axis_and_no_filter_lags_by_more_than_180_deg(method: str) -> None:
+    pick, w = np.random.default_rng(5), 1j * np.exp(np.linspace(-20.0, 12.0, 2001))
+    for _ in range(100):
+        low, poles = 10.0 ** pick.uniform(-4.0, 0.0), int(pick.integers(1, 9))
+        digital = DigitalSpec(
+            10.0 ** pick.uniform(-3.0, 0.5), method, poles, (low, low * 10.0 ** pick.uniform(0.3, 6.0))
+        )
+        for alpha in (*pick.uniform(0.01, 1.99, 3), 1.999):
+            value = FilterOfOrder(digital).in_floats(w, np.full(len(w), alpha))[0]
+            lag = np.arctan2(-value.imag, value.real) % (2.0 * math.pi)
+            low_deg, high_deg = (0.0, 90.0) if alpha < 1.0 else (90.0, 180.0)
+            assert low_deg - ROOM <= np.degrees(lag.min())
+            assert np.degrees(lag.max()) <= high_deg + ROOM
+            assert np.diff(np.log(np.abs(value))).max() <= ROOM
+
+
 @pytest.mark.parametrize("digital", METHODS, ids=lambda d: d.method)
 def test_narrow_boxes_have_sharp_enclosures(digital: DigitalSpec) -> None:
     box = box_of(digital, (0.8, 0.801))
