@@ -12,7 +12,7 @@ from cases.plants import spec_of
 from cases.project import ROOT
 
 import fopi_tune as ft
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.terms.digital_spec import DigitalSpec
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.errors import DomainError
@@ -176,6 +176,13 @@ def test_filters_that_are_no_functions_of_the_order_alone_have_no_bound(change: 
     found = certify_optimum(spec, FoPi(1.0, 0.5, 0.9))
     assert found.status is OptimumStatus.NO_BOUND
     assert words in found.reason
+
+
+def test_a_derivative_on_samples_has_no_bound() -> None:
+    pid = replace(RANGES, alpha=GainRange(1.0, 1.0), kd=GainRange(0.0, 1.0), derivative_filter_time_constant_s=0.2)
+    found = certify_optimum(replace(on_samples("lag", 1), controller=pid), Pid(1.0, 0.5, 0.1, 0.2))
+    assert found.status is OptimumStatus.NO_BOUND
+    assert found.reason == "there is no bound for a controller with a derivative on samples (design: sampled)"
 
 
 def test_requirements_without_a_condition_on_samples_are_named() -> None:

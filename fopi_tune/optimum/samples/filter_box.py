@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, TypeVar
 
 from flint import acb, arb
@@ -49,12 +49,13 @@ class FilterBox:
         alpha: the orders.
         middle: a central one.
         nu: |w_a|, at which sizes are counted as 1.
+        log_unit: ln of the frequency, rad/s, of whose power of the order `anchor_size` is a multiple.
     """
 
-    def __init__(self, filtered: FilterOfOrder, alpha: arb, middle: arb, nu: arb) -> None:
+    def __init__(self, filtered: FilterOfOrder, alpha: arb, middle: arb, nu: arb, log_unit: arb) -> None:
         self.filter, self._alpha, self._middle, self._w = filtered, alpha, middle, acb(0, nu)
+        self._log_unit = log_unit
         self._known: dict[tuple[str, Interval], Any] = {}
-        self._sizes_of_unit: dict[str, arb] = {}
 
     @cached_property
     def central(self) -> FilterAtOrder:
@@ -112,28 +113,19 @@ class FilterBox:
         lag = self.lag_at_anchor
         return acb(lag.cos(), -lag.sin())
 
-    def anchor_size(self, log_unit: arb) -> arb:
+    @cached_property
+    def anchor_size(self) -> arb:
         """|F(w_a)| e^(alpha log_unit) over the orders."""
-        key = log_unit.str()
-        if key not in self._sizes_of_unit:
-            self._sizes_of_unit[key] = self._anchor_size_of_all(log_unit)
-        return self._sizes_of_unit[key]
-
-    def _anchor_size_of_all(self, log_unit: arb) -> arb:
         low, high = arb(self._alpha.lower()), arb(self._alpha.upper())
         count = max(1, math.ceil(float((high - low).mid()) / _PIECE))
         pieces = [(low + (high - low) * k / count).union(low + (high - low) * (k + 1) / count) for k in range(count)]
-        sizes = [self._anchor_size(piece, log_unit) for piece in pieces]
-        found = sizes[0]
-        for size in sizes[1:]:
-            found = found.union(size)
-        return found
+        return reduce(arb.union, map(self._anchor_size_of, pieces))
 
-    def _anchor_size(self, piece: arb, log_unit: arb) -> arb:
+    def _anchor_size_of(self, piece: arb) -> arb:
         middle = arb(piece.mid())
-        box = FilterBox(self.filter, piece, middle, self._w.imag)
-        rate = box.anchor_derivatives[0].real + log_unit
-        return abs(box.central.value(self._w)) * (middle * log_unit + rate * (piece - middle)).exp()
+        box = FilterBox(self.filter, piece, middle, self._w.imag, self._log_unit)
+        rate = box.anchor_derivatives[0].real + self._log_unit
+        return abs(box.central.value(self._w)) * (middle * self._log_unit + rate * (piece - middle)).exp()
 
     def _once(self, compute: Callable[[Interval], _T], u: Interval) -> _T:
         """What is computed of an interval, kept: many boxes share their orders and intervals."""

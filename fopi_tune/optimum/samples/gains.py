@@ -35,7 +35,7 @@ from fopi_tune.optimum.samples.filter_box import FilterBox
 from fopi_tune.optimum.samples.filter_of_order import FilterOfOrder
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
 
-_ONE = arb(1)
+_ZERO, _ONE = arb(0), arb(1)
 #: filters that are kept
 _MOST_KNOWN = 512
 
@@ -52,6 +52,11 @@ class _WithFilter(Parametrization):
     filter: FilterOfOrder
     nu: arb
 
+    @property
+    def log_unit(self) -> arb:
+        """ln of the frequency, rad/s, of whose power of the order the integral's gain is a multiple."""
+        return _ZERO
+
     @cached_property
     def _known(self) -> dict[Interval, FilterBox]:
         return {}
@@ -61,13 +66,18 @@ class _WithFilter(Parametrization):
         if alpha not in self._known:
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
-            self._known[alpha] = FilterBox(self.filter, ball_of(alpha), arb(centre_of((alpha,))[0]), self.nu)
+            middle = arb(centre_of((alpha,))[0])
+            self._known[alpha] = FilterBox(self.filter, ball_of(alpha), middle, self.nu, self.log_unit)
         return self._known[alpha]
 
 
 @dataclass(frozen=True)
 class SampledGainParametrization(_WithFilter, GainParametrization):
     """kp, z = ki ws^-alpha and alpha; the anchor is any frequency."""
+
+    @property
+    def log_unit(self) -> arb:
+        return self.log_omega
 
     def controllers(self, box: Box) -> ControllerBox:
         return SampledGainBox(self, box)
@@ -122,7 +132,7 @@ class SampledGainBox(BoxOnSamples, GainBox):
     @property
     def scale(self) -> arb:
         """ws^alpha |F| at the anchor."""
-        return self.filters.anchor_size(self.reference)
+        return self.filters.anchor_size
 
     def taylor_model(self, log_s: acb) -> TaylorModel:
         """Taylor model of (1)."""
@@ -161,7 +171,7 @@ class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
 
     @property
     def integral_unit(self) -> arb:
-        return self.filters.anchor_size(arb(0))
+        return self.filters.anchor_size
 
     def _gains(self, x: acb, alpha: arb) -> tuple[arb, arb]:
         # over all orders ki |F_c|, in which the order hardly shows; at the centre ki itself

@@ -19,8 +19,9 @@ BOXES = [(0.3, 1.5), (0.79, 0.83), (1.2, 1.204), (0.9, 1.1), (0.1, 0.6), (1.0, 1
 ROOM = 1e-10
 
 
-def box_of(digital: DigitalSpec, orders: tuple[float, float], nu: float = 0.03) -> FilterBox:
-    return FilterBox(FilterOfOrder(digital), ball_of(orders), arb(0.5 * (orders[0] + orders[1])), arb(nu))
+def box_of(digital: DigitalSpec, orders: tuple[float, float], nu: float = 0.03, log_unit: float = 0.0) -> FilterBox:
+    middle = arb(0.5 * (orders[0] + orders[1]))
+    return FilterBox(FilterOfOrder(digital), ball_of(orders), middle, arb(nu), arb(log_unit))
 
 
 def holds(ball: acb, value: complex) -> bool:
@@ -63,8 +64,8 @@ def test_sizes_at_the_anchor_and_lags_in_the_tails_hold_every_order(
     digital: DigitalSpec, orders: tuple[float, float]
 ) -> None:
     pick, nu, unit = np.random.default_rng(4), 0.3, math.log(0.7)
-    box, filtered = box_of(digital, orders, nu), FilterOfOrder(digital)
-    size = box.anchor_size(arb(unit))
+    box, filtered = box_of(digital, orders, nu, unit), FilterOfOrder(digital)
+    size = box.anchor_size
     for alpha in [*orders, *pick.uniform(*orders, 40)]:
         value = complex(filtered.in_floats(np.array([1j * nu]), np.array([alpha]))[0][0])
         assert (size / (abs(value) * math.exp(alpha * unit)) - 1).abs_lower() <= ROOM
