@@ -34,6 +34,7 @@ from flint import acb, arb
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.digital.discretize import Method
+from fopi_tune.proof.balls.sampled_controllers import Sections
 from fopi_tune.spec.model import DigitalSpec
 
 #: a corner's e, c, d, and whether g is c - ln alpha
@@ -122,7 +123,7 @@ class FilterAtOrder:
             second = second - side * (l2 * (1 - 2 * p) * (g1 * g1) + l2 * g2)
         return slope, first, second
 
-    def sections(self, kp: arb, ki: arb) -> tuple[arb, tuple[tuple[arb, arb], ...]]:
+    def sections(self, kp: arb, ki: arb) -> Sections:
         """kp + ki F as  direct + sum_k rho_k/(w + sigma_k)."""
         if ki.is_zero():
             return kp, ()
