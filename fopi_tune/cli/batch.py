@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from fopi_tune.cli.output import Exit, print_out, print_styled, report_failure, say, still_running_notes
 from fopi_tune.cli.report_files import report_of_run
 from fopi_tune.cli.result_files import files_of
+from fopi_tune.core.text_tables.words import agreeing
 from fopi_tune.errors import DomainError, SpecError, UnstableLoopError
 from fopi_tune.results.saved.names import (
     CERTIFICATE,
@@ -213,7 +214,7 @@ def write_files(folder: Path, files: Sequence[tuple[str, str | bytes]], name: st
         if f"{kind}.json" in written:  # of scenarios that are not simulated now
             stale += sorted({path.name for path in folder.glob(f"{kind}_*.[cs][sv][vg]")} - written)
     if stale:
-        are = "is" if len(stale) == 1 else "are"
+        are = agreeing(len(stale), "is", "are")
         say(f"{name}: {', '.join(stale)} in {folder} {are} of an earlier result, not of this one")
     return Exit.MET
 

@@ -96,9 +96,8 @@ def recheck_optimum_file(document: Any, spec_file: str | None, options: OutputOp
     if options.as_json:
         return max(code, print_out(to_json(_optimum_document(found))))
     verdict = "sound" if found.is_sound else "refused"
-    lines = [
-        f"{verdict}: {found.status.value}, {counted(found.leaves, 'box', 'boxes')} tested again in ball arithmetic"
-    ]
+    tested = counted(found.leaves, "box", "boxes")
+    lines = [f"{verdict}: {found.status.value}, {tested} tested again in ball arithmetic"]
     return max(code, print_out("\n".join([*lines, *(f"  {said}" for said in (*found.problems, *found.notes))])))
 
 

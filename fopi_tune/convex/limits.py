@@ -158,20 +158,19 @@ def task_of(spec: DesignSpec, crossover_rad_s: float | None = None) -> Task:
     nominal = Plants.members(spec.plant, spec.plant.nominal_point[None, :])
     gain = float(np.abs(nominal.response(np.zeros(1, dtype=np.intp), np.array([omega])))[0])
     usable = math.isfinite(gain) and gain > 0.0
-    sampled = spec.digital is not None and spec.digital.designs_sampled
-    kind = LoopKind(spec.digital if sampled else None).exact_at(crossover_rad_s)
+    kind = LoopKind(spec.sampled_design).exact_at(crossover_rad_s)
     scale = gain if usable else 1.0
     return Task(spec, (*limits, *guards), objective, horizon or default_horizon_s(spec.plant), omega, scale, kind)
 
 
 def unsupported(spec: DesignSpec) -> str | None:
     """Why the convex design cannot take a spec, or None."""
-    digital, alpha = spec.digital, spec.controller.alpha
+    digital, alpha = spec.sampled_design, spec.controller.alpha
     if spec.controller.has_derivative:
         return f"the convex path knows no derivative; use the solver ipopt for structure: {spec.controller.structure}"
     if spec.controller.measurement_filter is not None:
         return "the convex path knows no measurement_filter; use the solver ipopt"
-    if digital is not None and digital.designs_sampled and digital.method == "fit" and not alpha.is_fixed:
+    if digital is not None and digital.method == "fit" and not alpha.is_fixed:
         return "the convex path takes a fitted filter for a fixed alpha only: it is no smooth function of alpha"
     for requirement in spec.requirements:
         quantity = QUANTITIES[requirement.quantity]

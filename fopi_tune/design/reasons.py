@@ -45,9 +45,9 @@ class Reason:
 def reason_without_solving(spec: DesignSpec) -> Reason | None:
     """The first reason found for infeasibility; None when no formula decides."""
     constraints = constraints_of(spec)
-    if spec.digital is not None and spec.digital.designs_sampled:
+    if spec.sampled_design is not None:
         # the others are formulas of the continuous loop
-        nyquist = math.pi / spec.digital.sample_time_s
+        nyquist = math.pi / spec.sampled_design.sample_time_s
         return _crossover_above_nyquist(spec, constraints, nyquist) or _limit_at_zero_or_infinity(spec, constraints)
     return (
         _no_phase_crossover(spec, constraints)
@@ -107,7 +107,7 @@ def _limit_at_zero_or_infinity(spec: DesignSpec, constraints: tuple[Constraint, 
     """A limit that no gains can meet as omega tends to 0 or to infinity."""
     plants = Plants.members(spec.plant, spec.plant.corners())
     floor = low_frequency_control_gain(plants)
-    ki, sampled = spec.controller.ki, spec.digital is not None and spec.digital.designs_sampled
+    ki, sampled = spec.controller.ki, spec.sampled_design is not None
     for constraint in constraints:
         text = describe(spec.requirements[constraint.requirement]) if constraint.requirement != STABILITY_GUARD else ""
         rolls_off = not sampled and bool(np.all(_log_with_filter(spec, plants).slope_end() < -1e-9))

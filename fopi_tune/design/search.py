@@ -18,7 +18,7 @@ from fopi_tune.design.constraints import STABILITY_GUARD, Bound
 from fopi_tune.design.global_search.basins import WORTH, Basin, scan_box
 from fopi_tune.design.global_search.compiled import DEPTH, ENDLESS, KI
 from fopi_tune.design.global_search.polish import MEETS, Polish, Polished
-from fopi_tune.design.global_search.problem import Problem
+from fopi_tune.design.global_search.problem import SAME_COST, Problem
 from fopi_tune.design.global_search.structures import LARGEST_GAIN
 from fopi_tune.design.infeasible import MET, explain, has_wrong_sign, nearest_of
 from fopi_tune.design.measured.polish import polish_of
@@ -35,8 +35,6 @@ _log = logging.getLogger(__name__)
 _BASINS = 3
 #: factor on the distance between rays where gains close to the optimum are known
 _COARSE = 2.0
-#: natural units; costs that differ by less are the same
-_SAME = 1e-9
 #: of spreads, which an equality and a narrow region leave far from their minimum on the scan's rays
 _WORTH_OF_SPREADS = 0.4
 #: of the cost (or of 0.05): more than the scan's table is inexact by
@@ -95,7 +93,7 @@ def search(problem: Problem, start: FoPi | None = None, bracket: bool = False) -
     problem = polish.problem
     if best is None or (problem.code == DEPTH and best.cost > MEETS):
         excluded = share_in_words(excluded_share(problem)) if bracket and problem.has_bound else ""
-        return explain(problem, excluded, polish.nearest or nearest_of(problem, polish.counts), polish.counts)
+        return explain(problem, excluded, _nearest(polish), polish.counts)
     if problem.code == KI and best.x[1] == 0.0 and problem.box.ki_high > 0.0 and has_wrong_sign(problem):
         nothing = tuple(None for _ in problem.spec.requirements)
         return Candidate(Status.INFEASIBLE, None, nothing, (), _ONLY_WITHOUT_INTEGRAL, polish.counts.solves)
@@ -177,8 +175,8 @@ def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
     Two equalities leave a narrow valley, whose end may be where a crossing appears at once: from beyond it a step for
     the objective and the equalities together leads away.
     """
-    polish.nearest = nearest_of(polish.problem, polish.counts)
-    if polish.nearest is None or polish.nearest.cost > MET:
+    nearest = _nearest(polish)
+    if nearest is None or nearest.cost > MET:
         return None
     problem, best = polish.problem, None
     question = polish_of(problem.missing(problem.every_requirement, frozenset()), polish.counts)
@@ -188,6 +186,13 @@ def _along_valley(polish: Polish, basins: Sequence[Basin]) -> Polished | None:
         if found is not None and (best is None or found.cost < best.cost) and _is_stable(problem, found):
             best = found
     return best
+
+
+def _nearest(polish: Polish) -> Polished | None:
+    """`nearest_of` the problem, found once."""
+    if not polish.nearest:
+        polish.nearest = (nearest_of(polish.problem, polish.counts),)
+    return polish.nearest[0]
 
 
 def _with_derivative(polish: Polish, best: Polished | None) -> Polished | None:
@@ -202,7 +207,7 @@ def _with_derivative(polish: Polish, best: Polished | None) -> Polished | None:
         x = last.x.copy()
         x[_DERIVATIVE], x[-1] = sign * size, order
         found = polish.run(inside(problem, x))
-        if found is not None and found.cost < best.cost - _SAME and _is_stable(problem, found):
+        if found is not None and found.cost < best.cost - SAME_COST and _is_stable(problem, found):
             best = found
     return best
 
@@ -251,7 +256,7 @@ def _is_known(best: Polished | None, found: Polished | None) -> bool:
     """Whether gains are the best ones that are known, without a better cost."""
     if best is None or found is None:
         return False
-    return found.cost >= best.cost - _SAME and not np.any(np.abs(found.x - best.x) > 1e-3 * (1.0 + np.abs(best.x)))
+    return found.cost >= best.cost - SAME_COST and not np.any(np.abs(found.x - best.x) > 1e-3 * (1.0 + np.abs(best.x)))
 
 
 def _is_floor(problem: Problem, best: Polished, basin: Basin) -> bool:
@@ -260,7 +265,7 @@ def _is_floor(problem: Problem, best: Polished, basin: Basin) -> bool:
     So exactly has a basin the same value only where no gains change it.
     """
     at_floor = problem.is_at_floor(best.cost, best.x) and basin.gains[1] != 0.0
-    return at_floor or abs(basin.cost - best.cost) <= _SAME
+    return at_floor or abs(basin.cost - best.cost) <= SAME_COST
 
 
 def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
@@ -277,7 +282,7 @@ def _on_axis(polish: Polish, found: Polished | None) -> Polished | None:
             # a derivative that gains nothing is held at 0
             without = polish_of(problem.without_derivative(), polish.counts) if k == _DERIVATIVE else polish
             other = without.run(x)
-            if other is not None and other.cost <= found.cost + (_SAME if k == _DERIVATIVE else 0.0):
+            if other is not None and other.cost <= found.cost + (SAME_COST if k == _DERIVATIVE else 0.0):
                 found = other
     return found
 

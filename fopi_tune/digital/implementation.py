@@ -91,9 +91,7 @@ def designed_implementation(spec: DesignSpec, gains: FoPi) -> Implementation | N
     Raises:
         DomainError: it cannot be made.
     """
-    if spec.digital is None or not spec.digital.designs_sampled:
-        return None
-    return implementation_of(spec, gains)
+    return None if spec.sampled_design is None else implementation_of(spec, gains)
 
 
 def is_implementation_of(spec: DesignSpec, gains: FoPi, implementation: Implementation) -> bool:

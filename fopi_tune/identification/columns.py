@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from fopi_tune.core.text_tables.table import TIMES_HINT, Table, is_missing, number, quoted, time_of_day_s
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.times import TimeUnit, unit_by_size, unit_called
 
@@ -137,14 +138,10 @@ def _column_called(table: Table, word: str, role: str) -> int:
 def _listed(table: Table) -> str:
     if not table.names:
         line, text = table.lines[0]
-        return f"line {line} has {_columns(table.width)} without names, {quoted(text.strip())}"
+        return f"line {line} has {counted(table.width, 'column')} without names, {quoted(text.strip())}"
     assert table.header is not None
     names = ", ".join(f"{k} {table.name_of(k - 1)}" for k in range(1, min(table.width, 20) + 1))
-    return f"line {table.header[0]} has {_columns(table.width)}, {names}{', …' if table.width > 20 else ''}"
-
-
-def _columns(width: int) -> str:
-    return "1 column" if width == 1 else f"{width} columns"
+    return f"line {table.header[0]} has {counted(table.width, 'column')}, {names}{', …' if table.width > 20 else ''}"
 
 
 def _first_word(table: Table, column: int) -> str:

@@ -192,8 +192,8 @@ def _limits(recording: Recording, problem: Scaled, modelled: Array) -> list[str]
             continue
         places = problem.rows[[first, last]]
         notes.append(
-            f"the output stays at its {word} value, {end:.4g}, {counted(int(at.sum()), 'time')}, {in_a_row} of "
-            f"them in a row "
+            f"the output stays at its {word} value, {end:.4g}, {counted(int(at.sum()), 'time')}, "
+            f"{in_a_row} of them in a row "
             f"({recording.where(places[:1])} to {recording.lines[places[1]]}): a limit of the sensor or plant, which "
             "the model does not have; leave it out with `start_s` and `end_s`, or record a smaller step"
         )

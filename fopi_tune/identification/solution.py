@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.text_tables.words import counted
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.errors import DomainError
 from fopi_tune.identification.covariance import ROUNDING_SHARE, Spread, spread_of
 from fopi_tune.identification.models import FitModel, Signals, Structure
@@ -260,7 +260,7 @@ def _check_rise(problem: Scaled, structure: Structure, parameters: Array) -> Non
         raise DomainError(
             f"the time constant ({longer}) with the dead time is longer than the record after the step "
             f"({left * seconds:.3g} s): record at least three time constants, or fit an integrator "
-            f"(`model='integrator'`)"
+            "(`model='integrator'`)"
         )
     # only the last motion that has arrived can be within three time constants
     moves = np.concatenate([[-math.inf], _moves(problem.signals)])
@@ -269,9 +269,8 @@ def _check_rise(problem: Scaled, structure: Structure, parameters: Array) -> Non
     on_rise = int(np.count_nonzero(since < 3 * tau))
     if on_rise < _MIN_RISE_SAMPLES:
         raise DomainError(
-            f"only {counted(on_rise, 'sample')} {'lies' if on_rise == 1 else 'lie'} on the rise, which takes about "
-            f"{3 * tau * seconds:.3g} s: too few to tell "
-            "the time constant; sample faster"
+            f"only {counted(on_rise, 'sample')} {agreeing(on_rise, 'lies', 'lie')} on the rise, which takes about "
+            f"{3 * tau * seconds:.3g} s: too few to tell the time constant; sample faster"
         )
 
 

@@ -22,7 +22,7 @@ from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.parameter_table import ParameterTable, not_uncertain, outside_box
 from fopi_tune.core.plant import PlantFamily
 from fopi_tune.core.terms.numbers import whole_number
-from fopi_tune.core.text_tables.words import counted
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.sampling import SamplingDesign, unit_cube_points
 
@@ -143,7 +143,7 @@ def _places(plan: SamplingPlan, family: PlantList, first: int, count: int) -> Ar
 def _rows(table: ParameterTable, family: PlantFamily, first: int, count: int) -> Array:
     if first + count > len(table.rows):
         raise DomainError(
-            f"draws {first} to {first + count - 1} were asked for; there {'is' if len(table.rows) == 1 else 'are'} "
+            f"draws {first} to {first + count - 1} were asked for; there {agreeing(len(table.rows), 'is', 'are')} "
             f"{counted(len(table.rows), 'sample')}, from 0 on"
         )
     return np.ascontiguousarray(table.rows[first : first + count, table.columns(family)])

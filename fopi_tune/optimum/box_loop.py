@@ -49,7 +49,7 @@ class SampledBoxLoop(SampledBallLoop):
             controller, unit_loop.family, unit_loop.implementation, controllers.filters.filter, controllers.centre
         )
 
-    def sections_here(self) -> Sections:
+    def compute_sections(self) -> Sections:
         kp, ki, alpha = self.centre
         return self.filter.at_order(alpha).sections(kp, ki)
 

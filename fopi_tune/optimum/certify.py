@@ -97,10 +97,8 @@ def better_gains_reason(objective: float) -> str:
 
 def why_no_bound(spec: DesignSpec) -> str:
     """Why no bound can be proved for a spec; empty when one can."""
-    if spec.digital is not None and spec.digital.designs_sampled:
-        why = _why_none_on_samples(spec, spec.digital)
-        if why:
-            return why
+    if spec.sampled_design is not None and (why := _why_none_on_samples(spec, spec.sampled_design)):
+        return why
     if spec.controller.filter_times is not None:
         return "there is no bound where a filter's time constant has a range"
     has_derivative = spec.controller.has_derivative

@@ -138,15 +138,13 @@ class ControllerBox(ABC):
         """The derivative of its logarithm in u, over an interval that is not a tail."""
         return acb(-self.alpha)
 
-    def integral_size_below(self, integral: arb, u: float) -> tuple[arb, arb]:
-        """Bounds of its size at all frequencies below one."""
-        size = abs(integral).lower() * (-self.alpha * (arb(u) - self.reference)).exp()
-        return arb(size.lower()), arb.pos_inf()
+    def least_integral_size(self, integral: arb, u: float) -> arb:
+        """A lower bound of its size at all frequencies up to one."""
+        return arb((abs(integral).lower() * (-self.alpha * (arb(u) - self.reference)).exp()).lower())
 
-    def integral_size_above(self, integral: arb, u: float) -> tuple[arb, arb]:
-        """Bounds of its size at all frequencies above one."""
-        size = abs(integral).upper() * (-self.alpha * (arb(u) - self.reference)).exp()
-        return _ZERO, arb(size.upper())
+    def largest_integral_size(self, integral: arb, u: float) -> arb:
+        """An upper bound of its size at all frequencies from one on."""
+        return arb((abs(integral).upper() * (-self.alpha * (arb(u) - self.reference)).exp()).upper())
 
     @abstractmethod
     def taylor_model(self, log_s: acb) -> TaylorModel:

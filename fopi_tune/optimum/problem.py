@@ -18,14 +18,7 @@ from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.optimum.crossover_gains import CrossoverParametrization
 from fopi_tune.optimum.derivative_gains import DerivativeParametrization
 from fopi_tune.optimum.parametrization import GainParametrization, Parametrization
-from fopi_tune.optimum.pruning.conditions import (
-    Condition,
-    Conditions,
-    conditions_of,
-    degrees,
-    is_on_samples,
-    nominal_equality,
-)
+from fopi_tune.optimum.pruning.conditions import Condition, Conditions, conditions_of, degrees, nominal_equality
 from fopi_tune.optimum.samples.filter_of_order import FilterOfOrder
 from fopi_tune.optimum.samples.gains import SampledCrossoverParametrization, SampledGainParametrization
 from fopi_tune.proof.balls.box import Box, Interval
@@ -90,10 +83,11 @@ class Problem:
         if crossover is not None and not unit_loop.is_beyond(crossover.limits[0]):
             at = _response(unit_loop, nominal, crossover.limits[0])[1]
         reference = 1.0 if reference_rad_s is None else reference_rad_s
-        filtered = FilterOfOrder(spec.digital) if is_on_samples(spec) and spec.digital is not None else None
+        filtered = None if spec.sampled_design is None else FilterOfOrder(spec.sampled_design)
         if crossover is None or at is None or not at.is_finite() or at.contains(0):
             gains = GainParametrization(reference)
             if filtered is not None:
+                # |F| is counted from there: well below Nyquist's frequency
                 half = 0.5 * math.pi / filtered.digital.sample_time_s
                 gains = SampledGainParametrization(reference, filtered, _s_at(unit_loop, min(reference, half)).imag)
             return cls(spec, beat, conditions, gains, gains.roots(spec.controller))
@@ -267,6 +261,11 @@ class Problem:
         """Whether the loop is the one on samples."""
         return isinstance(self.unit_loop, SampledBallLoop)
 
+    @property
+    def gain_vanishes(self) -> bool:
+        """Whether |L| -> 0 at the end of the axis; on samples it does not at Nyquist's frequency."""
+        return self.family.is_strictly_proper and not self.is_on_samples
+
     @cached_property
     def highest_rad_s(self) -> float:
         """A frequency next to the end of the axis: Nyquist's, or infinity."""
@@ -288,10 +287,10 @@ class Problem:
 
 def _unit_loop(spec: DesignSpec) -> BallLoop:
     controller = FoPi(1.0, 0.0, 1.0, measurement_filter=spec.controller.measurement_filter)
-    if spec.digital is None or not is_on_samples(spec):
+    if spec.sampled_design is None:
         return BallLoop(controller, spec.plant)
-    one = Sections(spec.digital.sample_time_s, 1.0, (), ())
-    return SampledBallLoop(controller, spec.plant, Implementation(one, spec.digital.delay_samples))
+    one = Sections(spec.sampled_design.sample_time_s, 1.0, (), ())
+    return SampledBallLoop(controller, spec.plant, Implementation(one, spec.sampled_design.delay_samples))
 
 
 def _s_at(loop: BallLoop, omega: float) -> acb:

@@ -160,11 +160,8 @@ def _boxes(stated: OptimumDocument, exactly: bool) -> list[str]:
     """A search looks at every box of its tree; one for a single level looks at each of them once."""
     boxes = sum(len(cover.tokens) for cover in stated.proof.covers) if stated.proof else 0
     wrong = stated.boxes != boxes if exactly else stated.boxes < boxes
-    return (
-        [f"the search is said to have looked at {counted(stated.boxes, 'box', 'boxes')}; its tree has {boxes}"]
-        if wrong
-        else []
-    )
+    told = f"the search is said to have looked at {counted(stated.boxes, 'box', 'boxes')}; its tree has {boxes}"
+    return [told] if wrong else []
 
 
 def _reasons_of_a_search(stated: OptimumDocument, spec: DesignSpec) -> tuple[str, ...]:

@@ -112,9 +112,9 @@ def _noise(asked: DesignSpec) -> Iterator[str]:
 
 def _beyond_sampling(asked: DesignSpec) -> Iterator[str]:
     """Of bands of which samples tell a part alone."""
-    if asked.digital is None or not asked.digital.designs_sampled:
+    if asked.sampled_design is None:
         return
-    nyquist = math.pi / asked.digital.sample_time_s
+    nyquist = math.pi / asked.sampled_design.sample_time_s
     for place, each in enumerate(asked.requirements, 1):
         if math.isfinite(each.to_rad_s) and each.from_rad_s < nyquist < each.to_rad_s:
             yield (

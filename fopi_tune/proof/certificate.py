@@ -233,11 +233,8 @@ class Certificate:
 
     def __repr__(self) -> str:
         proved = sum(proof.verdict is Verdict.PROVED for proof in self.requirements)
-        return (
-            f"<Certificate of {self.name}: {self.verdict.value}, {proved} of "
-            f"{counted(len(self.requirements), 'requirement')} of "
-            f"the loop proved, {counted(self.boxes, 'box', 'boxes')}>"
-        )
+        every, boxes = counted(len(self.requirements), "requirement"), counted(self.boxes, "box", "boxes")
+        return f"<Certificate of {self.name}: {self.verdict.value}, {proved} of {every} of the loop proved, {boxes}>"
 
     @property
     def verdict(self) -> Verdict:

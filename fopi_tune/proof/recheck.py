@@ -182,7 +182,7 @@ def _spec_mismatches(certificate: Certificate, spec: DesignSpec) -> list[str]:
         problems.append(_OTHER_REQUIREMENTS)
     problems += mismatches(certificate.scenarios, spec, case.implementation)
     problems += limits_mismatches(certificate.limited, spec)
-    if spec.digital is not None and spec.digital.designs_sampled and case.implementation is None:
+    if spec.sampled_design is not None and case.implementation is None:
         problems.append("the spec is about the loop on samples (design: sampled), the certificate is not")
     return problems
 

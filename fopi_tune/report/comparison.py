@@ -14,7 +14,7 @@ from typing import Any
 from fopi_tune.core.text_tables.words import counted
 from fopi_tune.report.documents import Document, ReportedRequirement, ResultDocuments
 from fopi_tune.report.requirement_rows import RequirementRow, requirement_rows
-from fopi_tune.report.text.formatting import number, requirement_phrase, scope_phrase
+from fopi_tune.report.text.formatting import number, requirement_phrase, samples_phrase, scope_phrase
 from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.model import Relation, Requirement, Sense
 
@@ -53,13 +53,10 @@ class ComparedDesign:
     @property
     def loop(self) -> str:
         """Which loop the requirements are about."""
-        digital = self.documents.spec.digital
-        if digital is None or loop_name(self.documents.spec) != "sampled":
+        digital = self.documents.spec.sampled_design
+        if digital is None:
             return "in continuous time"
-        return (
-            f"on samples, every {number(digital.sample_time_s)} s, {number(digital.delay_samples)} "
-            f"{'sample' if digital.delay_samples == 1.0 else 'samples'} of delay"
-        )
+        return f"on samples, every {number(digital.sample_time_s)} s, {samples_phrase(digital.delay_samples)} of delay"
 
 
 @dataclass(frozen=True)
@@ -164,11 +161,8 @@ def _requirements_sentence(entry: ComparedDesign) -> str:
     design, digital = entry.documents.design, entry.documents.digital
     said, verdict = design["requirements"], design["proof"]["verdict"]
     missed = _missed(design)
-    told = (
-        f"misses {missed} of the {counted(len(said), 'requirement')}"
-        if missed
-        else f"meets all {counted(len(said), 'requirement')}"
-    )
+    every = counted(len(said), "requirement")
+    told = f"misses {missed} of the {every}" if missed else f"meets all {every}"
     word = {"proved": "proved", "refuted": "refuted", "undecided": "undecided"}.get(verdict, "not proved")
     words = f"{entry.label} {told} of its spec ({design['status']}, {word})"
     if digital is None or loop_name(entry.documents.spec) == "sampled":

@@ -95,9 +95,8 @@ def histograms(evidence: Mapping[str, Any], name: str) -> Picture | None:
 
     words = "; ".join(f"{_phrase(j)}: met by {' in '.join(_share_and_interval(j['fraction']))}" for j in told)
     said = (
-        f"Histograms of the values that {counted(evidence['stable']['total'], 'drawn plant')} reach, each share "
-        f"with its "
-        f"{100.0 * confidence:g} % interval; dashed: the limit, where it is near. Shares: {words}."
+        f"Histograms of the values that {counted(evidence['stable']['total'], 'drawn plant')} reach, each share with "
+        f"its {100.0 * confidence:g} % interval; dashed: the limit, where it is near. Shares: {words}."
     )
     return Picture(f"{name}: plants drawn at random", said, draw, (WIDE, 1.0 + 1.8 * len(told)))
 

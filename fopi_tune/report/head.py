@@ -9,7 +9,7 @@ from fopi_tune.core.controller import DERIVATIVE_NAMES, FoPi, structure_of
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.plant import PlantFamily, Uncertain
 from fopi_tune.report.documents import ResultDocuments
-from fopi_tune.report.text.formatting import filter_formula, number
+from fopi_tune.report.text.formatting import filter_formula, number, samples_phrase
 from fopi_tune.report.words import in_words, name_and_unit
 from fopi_tune.results.documents import loop_name
 from fopi_tune.spec.model import ControllerSpec, DesignSpec, GainRange
@@ -153,8 +153,7 @@ def _loop(spec: DesignSpec) -> str:
         return "in continuous time"
     said = f"a computer with samples of {number(digital.sample_time_s)} s"
     if digital.delay_samples:
-        many = "sample" if digital.delay_samples == 1.0 else "samples"
-        said += f", {number(digital.delay_samples)} {many} of computing delay"
+        said += f", {samples_phrase(digital.delay_samples)} of computing delay"
     if digital.output_limits is not None:
         low, high = digital.output_limits
         said += f", control in [{number(low)}, {number(high)}]"

@@ -39,6 +39,7 @@ from fopi_tune.report.text.formatting import (
     margins_phrase,
     next_sentence,
     number,
+    samples_phrase,
     score_note,
     sentence,
 )
@@ -216,13 +217,10 @@ def _summary(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 def _digital_words(documents: ResultDocuments, digital: Mapping[str, Any]) -> str:
     asked = documents.spec.digital
     assert asked is not None  # there is a digital controller only if the spec asks for one
-    words = (
-        f"{digital['status']}. Every {number(asked.sample_time_s)} s, {asked.method} with "
-        f"{counted(asked.poles, 'pole')}"
-    )
+    made = f"{asked.method} with {counted(asked.poles, 'pole')}"
+    words = f"{digital['status']}. Every {number(asked.sample_time_s)} s, {made}"
     words += "" if asked.method == "fit" else f", {asked.rule}"
-    samples = "sample" if asked.delay_samples == 1.0 else "samples"
-    words += f", {number(asked.delay_samples)} {samples} of computing delay" if asked.delay_samples else ""
+    words += f", {samples_phrase(asked.delay_samples)} of computing delay" if asked.delay_samples else ""
     rate = asked.output_rate_per_s
     words += "" if rate is None else f". The output changes by at most {number(rate)} per s, anti-windup included"
     note = digital.get("band_note")

@@ -9,7 +9,7 @@ from fopi_tune.report.measure_entries import ENTRIES, SIGNS
 from fopi_tune.report.requirement_rows import RequirementRow
 from fopi_tune.report.text.formatting import TIE, number, with_unit
 from fopi_tune.report.text.measures import about_phrase, measure_phrase
-from fopi_tune.report.text.percentages import interval_phrase
+from fopi_tune.report.text.percentages import meeting_phrase
 from fopi_tune.spec.model import DesignSpec, Limit, Relation
 
 
@@ -37,10 +37,7 @@ def _row(limit: Limit, said: Mapping[str, Any]) -> RequirementRow:
         place = " ".join(part for part in (where, when, f"with {plant}" if plant else "") if part)
     counted = ""
     if drawn is not None:
-        share = interval_phrase(drawn["low"], drawn["high"])
-        counted = (
-            f"{drawn['met']} of {drawn['total']} drawn plants {'meets' if drawn['met'] == 1 else 'meet'} it ({share})"
-        )
+        counted = meeting_phrase(drawn["met"], drawn["total"], "plants", drawn["low"], drawn["high"])
     shown = said["proved_bound"]
     if shown is not None:
         word = "at most" if limit.relation is Relation.AT_MOST else "at least"

@@ -121,7 +121,7 @@ def relaxation_dict(relaxation: Relaxation, spec: DesignSpec) -> dict[str, Any]:
 
 def loop_name(spec: DesignSpec) -> str:
     """Which loop the requirements are about."""
-    return "sampled" if spec.digital is not None and spec.digital.designs_sampled else "continuous"
+    return "continuous" if spec.sampled_design is None else "sampled"
 
 
 def objective_name(spec: DesignSpec) -> str:

@@ -37,8 +37,8 @@ def digests_of(spec: DesignSpec) -> dict[str, str]:
     """
     spec = with_default_objective(spec)
     loop: Any = "continuous"
-    if spec.digital is not None and spec.digital.designs_sampled:
-        loop = {name: value for name, value in _plain(spec.digital).items() if name not in _BESIDE_LOOP}
+    if spec.sampled_design is not None:
+        loop = {name: value for name, value in _plain(spec.sampled_design).items() if name not in _BESIDE_LOOP}
     requirements: Any = spec.requirements
     if spec.designs_scenarios:
         # gains that are designed for scenarios depend on these, and on the limits of the control

@@ -225,6 +225,11 @@ class DesignSpec:
         return not self.is_measured and not is_fractional(self.plant)
 
     @property
+    def sampled_design(self) -> DigitalSpec | None:
+        """The digital section where the requirements are about the loop on samples; None: that in continuous time."""
+        return self.digital if self.digital is not None and self.digital.designs_sampled else None
+
+    @property
     def nominal_family(self) -> PlantFamily:
         """The family whose nominal plant `on: nominal`, spreads and a digital controller's crossover are about."""
         return self.plant if self.reference is None else self.reference

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
-from fopi_tune.core.text_tables.words import counted
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.spec.model import Sense
 from fopi_tune.spec.yaml.nodes import Place
 from fopi_tune.spec.yaml.records import Key, OneKeyOf, Record, Values
@@ -70,7 +70,7 @@ def find_best(rule: BestRule, records: Sequence[Mapping[str, Value]]) -> Best:
     side = 1.0 if rule.sense is Sense.MINIMIZE else -1.0
     value, index = min(found, key=lambda each: (side * each[0], each[1]))
     of = (
-        f"of {counted(len(found), 'cell')} that {'meets' if len(found) == 1 else 'meet'} the conditions"
+        f"of {counted(len(found), 'cell')} that {agreeing(len(found), 'meets', 'meet')} the conditions"
         if conditions
         else f"of {counted(len(found), 'cell')}"
     )
@@ -83,7 +83,7 @@ def _why_none(conditions: Sequence[Condition], records: Sequence[Mapping[str, Va
     never = [f"{each}{_nearest(each, records)}" for each, count in counts if not count]
     if never:
         return f"none of {counted(len(records), 'cell')} has {' or '.join(never)}"
-    told = ", ".join(f"{each} ({count} do)" for each, count in counts)
+    told = ", ".join(f"{each} ({count} {agreeing(count, 'does', 'do')})" for each, count in counts)
     return f"none of {counted(len(records), 'cell')} meets all of {told}"
 
 

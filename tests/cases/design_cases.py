@@ -14,6 +14,13 @@ USUAL = "{kp: {min: 0, max: 10}, ki: {min: 0, max: 10}, alpha: {min: 0.3, max: 1
 BRAKE = "{model: lag, static_gain: 1.0, time_constant_s: {nominal: 2.25, min: 1.6, max: 3.1}}"
 LAG = "{model: lag, static_gain: 1.0, time_constant_s: 1.0}"
 DELAYED = "{model: lag, static_gain: 1.0, time_constant_s: 1.0, dead_time_s: 0.2}"
+#: no gains have this crossover, and the margin there
+CONTRADICTORY = (
+    "schema: 1\nname: x\nplant: {model: pole, gain: 25, pole_rad_s: -1, dead_time_s: 0.033}\n"
+    "controller: {kp: {min: 0, max: 6.7}, ki: {min: 0, max: 0.85}, alpha: {min: 0.44, max: 1.36}}\n"
+    "requirements:\n  - {crossover_rad_s: {equals: 1.0}, on: nominal}\n  - {phase_margin_deg: {at_least: 44}}\n"
+    "objective: {minimize: phase_margin_spread_deg}\n"
+)
 
 
 @dataclass(frozen=True)

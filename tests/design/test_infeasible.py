@@ -5,25 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from cases.design_cases import CONTRADICTORY
 
 import fopi_tune as ft
 from fopi_tune.design import design
-from fopi_tune.design.global_search.polish import Counts
+from fopi_tune.design.global_search.polish import Counts, Polished
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.infeasible import MET, least_missed, nearest_of
 from fopi_tune.results.status import Status
 
-CLASH = (
-    "schema: 1\nname: x\nplant: {model: pole, gain: 25, pole_rad_s: -1, dead_time_s: 0.033}\n"
-    "controller: {kp: {min: 0, max: 6.7}, ki: {min: 0, max: 0.85}, alpha: {min: 0.44, max: 1.36}}\n"
-    "requirements:\n  - {crossover_rad_s: {equals: 1.0}, on: nominal}\n  - {phase_margin_deg: {at_least: 44}}\n"
-    "objective: {minimize: phase_margin_spread_deg}\n"
-)
-
 
 @pytest.mark.parametrize("digital", ["", "digital: {sample_time_s: 0.005, design: sampled}\n"])
 def test_a_clash_is_explained_by_few_solves_and_its_relaxations_are_enough(digital: str) -> None:
-    spec = ft.parse_spec(CLASH + digital)
+    spec = ft.parse_spec(CONTRADICTORY + digital)
     found = design(spec)
     assert found.status is Status.INFEASIBLE
     assert [each.requirement for each in found.clash] == [0, 1]
@@ -39,7 +33,7 @@ def test_a_clash_is_explained_by_few_solves_and_its_relaxations_are_enough(digit
 
 
 def test_a_question_that_has_its_answer_is_not_polished() -> None:
-    problem, counts = Problem.of(ft.parse_spec(CLASH)), Counts()
+    problem, counts = Problem.of(ft.parse_spec(CONTRADICTORY)), Counts()
     nearest = nearest_of(problem, counts)
     assert nearest is not None
     assert nearest.cost > MET
@@ -48,3 +42,18 @@ def test_a_question_that_has_its_answer_is_not_polished() -> None:
     assert alone is not None
     assert alone.cost <= MET
     assert counts.solves == before
+
+
+def test_gains_that_leave_every_loop_unstable_are_searched_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Problem] = []
+
+    def counted(problem: Problem, counts: Counts) -> Polished | None:
+        asked.append(problem)
+        return nearest_of(problem, counts)
+
+    monkeypatch.setattr("fopi_tune.design.search.nearest_of", counted)
+    # 25/(s - 1) behind 2 s: no gain holds a pole whose inverse is shorter than its dead time
+    found = design(ft.parse_spec(CONTRADICTORY.replace("dead_time_s: 0.033", "dead_time_s: 2")))
+    assert found.status is Status.INFEASIBLE
+    assert "give every plant of the family a stable loop" in found.message
+    assert len(asked) == 1

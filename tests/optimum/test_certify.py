@@ -361,11 +361,12 @@ def test_a_feasible_design_that_is_not_the_best_shows_a_gap_and_better_gains() -
     found = certify_optimum(spec, poor, gap=1e-3, time_limit_s=60.0)
     assert found.status is OptimumStatus.LIMIT_REACHED
     assert found.better_objective is not None
-    assert found.better_objective > 0.3
-    assert found.bound is None or found.bound >= best.objective
-    # there may be better gains before anything is shown: they are named all the same
-    assert f"better gains: their objective is {found.better_objective:.8g}" in found.reason
-    assert found.reason in found.statement or found.bound is not None
+    # relative: the design is the best within the tolerance of the search
+    assert 0.3 < found.better_objective <= best.objective * (1.0 + 1e-5)
+    # there are better gains before anything is shown: they are named all the same
+    assert found.bound is None
+    assert found.reason == f"there are better gains: their objective is {found.better_objective:.8g}"
+    assert found.reason in found.statement
     assert recheck_optimum(json.loads(json.dumps(to_document(found, {}))), spec).is_sound
 
 

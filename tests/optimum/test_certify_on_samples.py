@@ -12,7 +12,7 @@ from cases.plants import spec_of
 from cases.project import ROOT
 
 import fopi_tune as ft
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.core.terms.digital_spec import DigitalSpec
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
 from fopi_tune.errors import DomainError
@@ -82,7 +82,6 @@ def test_a_spec_that_no_gains_meet_on_samples_is_proved_infeasible() -> None:
 
 # -- what is never shown -----------------------------------------------------------------------------------------------
 
-
 SLOW_BOUNDS = [("lag", 6), ("lag with dead time", 1), ("lag with dead time", 2), ("second order", 1)]
 
 
@@ -92,12 +91,7 @@ SLOW_BOUNDS = [("lag", 6), ("lag with dead time", 1), ("lag with dead time", 2),
         ("direct path", 1, 1),
         *(
             pytest.param(family, objective, order, marks=pytest.mark.long)
-            for family, objective in (
-                ("lag", 6),
-                ("lag with dead time", 1),
-                ("lag with dead time", 2),
-                ("second order", 1),
-            )
+            for family, objective in SLOW_BOUNDS
             for order in (None, 1)
         ),
     ],
@@ -182,6 +176,13 @@ def test_filters_that_are_no_functions_of_the_order_alone_have_no_bound(change: 
     found = certify_optimum(spec, FoPi(1.0, 0.5, 0.9))
     assert found.status is OptimumStatus.NO_BOUND
     assert words in found.reason
+
+
+def test_a_derivative_on_samples_has_no_bound() -> None:
+    pid = replace(RANGES, alpha=GainRange(1.0, 1.0), kd=GainRange(0.0, 1.0), derivative_filter_time_constant_s=0.2)
+    found = certify_optimum(replace(on_samples("lag", 1), controller=pid), Pid(1.0, 0.5, 0.1, 0.2))
+    assert found.status is OptimumStatus.NO_BOUND
+    assert found.reason == "there is no bound for a controller with a derivative on samples (design: sampled)"
 
 
 def test_requirements_without_a_condition_on_samples_are_named() -> None:

@@ -316,7 +316,7 @@ def test_keys_zoom_a_figure_and_reset_it(browser: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("width", [1280, 400])
-def test_a_plane_with_a_legend_keeps_its_angles_at_every_width(browser: Any, tmp_path: Path, width: int) -> None:
+def test_a_plane_with_a_legend_keeps_its_angles_wide_and_narrow(browser: Any, tmp_path: Path, width: int) -> None:
     with Visit(browser, tmp_path / "report.html", brake_page(), width) as visit:
         see_figure(visit, "nyquist")
         across, up = visit.page.evaluate(SCALES)

@@ -8,6 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 from cases.pages import HOSTILE, Page
+from cases.study_files import LAG
 from cases.study_tables import result_of
 from typer.testing import CliRunner
 
@@ -22,13 +23,6 @@ CELLS = [
     ({"a.b": a, "c": c}, "met", {"iae": a * c, "kp": 1.0 + c, "word": "x"})
     for a in (1.0, 2.0, 4.0) for c in (1.0, 1.5, 3.0)
 ]  # fmt: skip
-LAG = """\
-schema: 1
-name: lag
-plant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, nominal: 2.25, max: 3.1}}
-controller: {kp: 0.385, ki: 0.388, alpha: 0.82}
-requirements: [{phase_margin_deg: {at_least: 80}}]
-"""
 HEAD = "schema: 1\nname: s\nspecs: [lag.yaml]\nstages: [tune]\ncollect: {pm: tune.nominal.phase_margin_deg}\n"
 
 

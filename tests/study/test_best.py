@@ -8,6 +8,7 @@ from typing import Any
 
 import jsonschema
 import pytest
+from cases.study_files import LAG
 from cases.two_modes import write
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,15 +27,6 @@ from fopi_tune.study.model import BestRule, Comparison, Condition, Study, Value
 from fopi_tune.study.overrides import spec_from_text
 
 HEAD = "schema: 1\nname: s\nspecs: [lag.yaml]\n"
-LAG = """\
-schema: 1
-name: lag
-plant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, nominal: 2.25, max: 3.1}}
-controller: {kp: 0.385, ki: 0.388, alpha: 0.82}
-requirements: [{phase_margin_deg: {at_least: 80}}]
-digital: {sample_time_s: 0.2}
-validation: {samples: 50}
-"""
 GRID = "grid: {controller.kp: [0.38, 0.385, 0.39]}\nstages: [tune]\ncollect: {pm: tune.nominal.phase_margin_deg}\n"
 
 
@@ -105,9 +97,9 @@ def test_why_there_is_none_is_told_by_the_conditions_names() -> None:
     assert least(b__at_most=2.0) == "none of 3 cells has b at most 2 (the least is 3)"
     assert least(b__equals="x") == "none of 3 cells has b equals x"
     assert least(b__at_least=4.0, a__at_most=1.0) == (
-        "none of 3 cells meets all of b at least 4 (1 do), a at most 1 (1 do)"
+        "none of 3 cells meets all of b at least 4 (1 does), a at most 1 (1 does)"
     )
-    assert told(BestRule(Sense.MINIMIZE, "c"), *rows).message == ("no cell has a number in the column c")
+    assert told(BestRule(Sense.MINIMIZE, "c"), *rows).message == "no cell has a number in the column c"
     assert find_best(BestRule(Sense.MINIMIZE, "a"), [{"cell": 1, "outcome": "failed", "a": 1}]).message == (
         "none of 1 cell ends well"
     )

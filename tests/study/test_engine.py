@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 from cases.project import CONTINUOUS, IMPORTED
+from cases.study_files import LAG
 from typer.testing import CliRunner
 
 from fopi_tune.cli import app
@@ -48,15 +49,6 @@ from fopi_tune.study.worker import CellResult, combine_blocks, run_block, run_ce
 HERE = Machines(0)
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(IMPORTED), "PYTHONSAFEPATH": "1"}
 VERSIONS = numeric_versions()
-LAG = """\
-schema: 1
-name: lag
-plant: {model: lag, static_gain: 1, time_constant_s: {min: 1.6, nominal: 2.25, max: 3.1}}
-controller: {kp: 0.385, ki: 0.388, alpha: 0.82}
-requirements: [{phase_margin_deg: {at_least: 80}}]
-digital: {sample_time_s: 0.2}
-validation: {samples: 50}
-"""
 
 
 @pytest.fixture(autouse=True)

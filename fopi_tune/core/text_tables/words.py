@@ -24,4 +24,9 @@ class TimeUnit(Enum):
 
 def counted(number: int, word: str, words: str = "") -> str:
     """`1 sample`, `2 samples`; `words` is the plural where an s does not make it."""
-    return f"{number} {word}" if number == 1 else f"{number} {words or word + 's'}"
+    return f"{number} {agreeing(number, word, words or word + 's')}"
+
+
+def agreeing(number: float, singular: str, plural: str) -> str:
+    """The form of a word that goes with a number, such as of `is` and `are`."""
+    return singular if number == 1 else plural

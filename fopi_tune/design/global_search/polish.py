@@ -135,15 +135,15 @@ class Polish:
         problem: the problem.
         counts: the work done.
         answers: of solves, by what they were asked.
-        nearest: gains whose largest miss is smallest, where these were asked for.
-        hopeless: starts whose worst cases leave no gains near them.
+        contradictory: starts whose worst cases leave no gains near them.
+        nearest: gains whose largest miss is smallest, once these were asked for: None where all leave a plant unstable.
     """
 
     problem: Problem
     counts: Counts = field(default_factory=Counts)
     answers: dict[tuple[object, ...], tuple[Solved, int]] = field(default_factory=dict, repr=False)
-    hopeless: set[bytes] = field(default_factory=set, repr=False)
-    nearest: Polished | None = None
+    contradictory: set[bytes] = field(default_factory=set, repr=False)
+    nearest: tuple[Polished | None, ...] = ()
 
     def __post_init__(self) -> None:
         problem = self.problem
@@ -159,11 +159,15 @@ class Polish:
             ]
         )
         self.spread = self.real_rows if self.code == MARGIN_SPREAD else len(self.rows.kind)
-        self.is_spread = self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
         self.width = self.table.points.shape[1]
         self.searches = searches_of(problem, self.table, self.rows, self.real_rows)
         # of the nominal plant, which is the first of the first
         self.work = self.searches[0].work
+
+    @property
+    def is_spread(self) -> bool:
+        """Whether the objective is about differences from the nominal plant."""
+        return self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
 
     def at(self, x: Array) -> tuple[Array, Table]:
         """Gains, and the table of the nominal plant's family at their orders."""
@@ -212,7 +216,7 @@ class Polish:
             rival: a local optimum; the result of an exchange that comes close to it before it ends.
         """
         start = x.tobytes()
-        found = self.look(x) if start not in self.hopeless else None
+        found = self.look(x) if start not in self.contradictory else None
         if found is None:
             return None
         t, known, pool, stalled = self._t_of(self.cost(found, x)), self._met(found, x), [], 0
@@ -226,7 +230,7 @@ class Polish:
             if after is None:
                 contradict = solved.is_infeasible and known is None and len(pool) <= len(found)
                 if contradict and radius <= _NEAR_ENOUGH:
-                    self.hopeless.add(start)
+                    self.contradictory.add(start)
                     break
                 # what has no solution in a region has seldom one in a part of it: the smallest that it takes to see
                 radius, pool = min(0.3 * radius, _NEAR_ENOUGH if contradict else math.inf), merged([], found)

@@ -52,8 +52,8 @@ from fopi_tune.spec.model import DesignSpec, GainRange
 
 #: inequalities are designed this much tighter (natural units), so that rounding does not undo them
 TIGHTENING = 4e-7
-#: natural units
-_SAME_COST = 1e-9
+#: natural units; costs that differ by less are the same
+SAME_COST = 1e-9
 #: relative
 _SAME_CROSSOVER = 1e-9
 #: tables that are kept: two a problem
@@ -119,9 +119,9 @@ class Problem:
         objective = ObjectiveKind(spec.objective.quantity) if spec.objective else ObjectiveKind.DEPTH
         given = spec.objective.horizon_s if spec.objective else None
         horizon = given if given is not None else default_horizon_s(spec.plant)
-        sampled = spec.digital is not None and spec.digital.designs_sampled
+        sampled = spec.sampled_design
         # where the filter has to be exact at the crossover, a first guess of that
-        samples = Samples(spec.digital, scale, scale.omega_rad_s) if spec.digital is not None and sampled else None
+        samples = None if sampled is None else Samples(sampled, scale, scale.omega_rad_s)
         if samples is not None and samples.digital.method != Method.FIT:
             # a filter that cannot be made is refused as such
             orders = {} if spec.controller.mu is None else {"mu": spec.controller.mu.max}
@@ -346,7 +346,7 @@ class Problem:
 
     def is_at_floor(self, cost: float, x: Array) -> bool:
         """Whether gains with an integral cost as little as any of them."""
-        return bool(x[1] != 0.0) and cost <= self.floor + _SAME_COST
+        return bool(x[1] != 0.0) and cost <= self.floor + SAME_COST
 
     @property
     def peak_offset(self) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.measured.loops import MeasuredLoop
-from fopi_tune.design.global_search.compiled import CROSSOVER_SPREAD, DEPTH, MARGIN_SPREAD, NOTHING
+from fopi_tune.design.global_search.compiled import DEPTH, MARGIN_SPREAD, NOTHING
 from fopi_tune.design.global_search.nonlinear.program import INDEX, SIZES
 from fopi_tune.design.global_search.nonlinear.solve import Solved, solve
 from fopi_tune.design.global_search.polish import (
@@ -60,7 +60,6 @@ class MeasuredPolish(Polish):
         depth = own.in_depth * 1.0 if self.code == DEPTH else np.zeros(self.real_rows)
         self.in_t = np.concatenate([depth, -np.ones(len(self.rows.kind) - self.real_rows)])
         self.spread = self.real_rows if self.code == MARGIN_SPREAD else len(self.rows.kind)
-        self.is_spread = self.code in (MARGIN_SPREAD, CROSSOVER_SPREAD)
         self.width = 1
 
     def _loops(self, x: Array) -> list[MeasuredLoop]:

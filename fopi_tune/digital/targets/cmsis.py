@@ -52,8 +52,8 @@ def _array(made: Realisation, prefix: str) -> list[str]:
     size = 5 * len(made.coefficients)
     rows = ["    " + ", ".join(literal(number, ending) for number in row) + "," for row in made.coefficients]
     told = (
-        f"/* arm_biquad_cascade_df2T_{suffix}: largest error over largest output {made.error:.2g}, on 2000 "
-        f"samples of a\n"
+        f"/* arm_biquad_cascade_df2T_{suffix}: largest error over largest output {made.error:.2g}, "
+        "on 2000 samples of a\n"
         "   step of 0.3 with noise of standard deviation 1; on a step with little noise it is larger */"
     )
     return ["", told, f"static const {kind} {prefix}_cmsis_{suffix}[{size}] = {{", *rows, "};"]

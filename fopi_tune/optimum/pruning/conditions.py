@@ -138,11 +138,6 @@ def is_maximized(spec: DesignSpec) -> bool:
     return kind_of(spec) in (ObjectiveKind.KI, ObjectiveKind.DEPTH)
 
 
-def is_on_samples(spec: DesignSpec) -> bool:
-    """Whether the requirements are about the loop on samples."""
-    return spec.digital is not None and spec.digital.designs_sampled
-
-
 def conditions_of(spec: DesignSpec, beat: float | None) -> Conditions:
     """The conditions of meeting a spec with an objective better than a level.
 
@@ -194,14 +189,16 @@ def _of_requirement(
             )  # fmt: skip
         elif name == "phase_margin_deg":
             yield Condition(Test.MARGIN, name, upper, degrees(limit) + shift, **common)
-        elif name == "delay_margin_s" and not is_on_samples(spec):
+        elif name == "delay_margin_s" and spec.sampled_design is None:
             rate = arb(limit) + shift * abs(arb(limit))
             yield Condition(Test.MARGIN, name, upper, arb(0), **common, rate=rate)
             if not upper:  # a stable loop stays stable behind any more dead time below its delay margin
                 yield Condition(Test.STABILITY, name, upper, arb(0), **common, rate=rate / 2)
         elif name == "gain_margin_db" and not upper:
             yield Condition(Test.GAIN_MARGIN, name, upper, db(limit) + shift, **common)
-        elif name == "crossover_rad_s" and (not upper or (spec.plant.is_strictly_proper and not is_on_samples(spec))):
+        elif name == "crossover_rad_s" and (
+            not upper or (spec.plant.is_strictly_proper and spec.sampled_design is None)
+        ):
             level = arb(limit).log() + shift
             if not upper:
                 yield Condition(Test.CROSSOVER, name, upper, level, **common)

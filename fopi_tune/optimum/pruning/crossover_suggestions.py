@@ -46,12 +46,9 @@ def suggestions(problem: Problem, boxes: Boxes, points: list[tuple[float, ...]])
         return
     try:
         at = CentralLoops.of(problem, boxes, points)
-    except DomainError:
-        return
-    try:
         found = gain_crossovers(at.loops)
     except DomainError:
-        return
+        return  # the exported filter cannot be made, or the crossovers are too many to list: nothing is suggested
     moves = at.movements(_taken(found, np.isfinite(found.u)))
     known = problem.crossover_rad_s is not None  # and then no box fails what is asked of the nominal crossover
     for k, condition in enumerate(problem.conditions.every):

@@ -80,8 +80,7 @@ def response_quadratic(
     if condition.test is Test.GAIN_SPREAD:
         # with |L0| > 1 there is a higher crossover, where the ratio is too large
         (omega,) = reason.omega
-        vanishes = problem.family.is_strictly_proper and not problem.is_on_samples
-        stays = vanishes and gain_ratio_stays_beyond(problem, reason.point, omega, condition.level)
+        stays = problem.gain_vanishes and gain_ratio_stays_beyond(problem, reason.point, omega, condition.level)
         if not stays or problem.crossover_rad_s is not None:
             return None
         log_s, p = problem.response(problem.nominal, omega)
@@ -100,8 +99,7 @@ def response_quadratic(
 
 def _response(problem: Problem, controllers: ControllerBox, condition: Condition, reason: Reason) -> bool:
     if condition.test is Test.RESPONSE and not reason.omega:  # |S| -> 1 as omega -> inf, whatever the gains
-        vanishes = problem.family.is_strictly_proper and not problem.is_on_samples
-        is_decreasing = condition.response is Response.SENSITIVITY and condition.upper and vanishes
+        is_decreasing = condition.response is Response.SENSITIVITY and condition.upper and problem.gain_vanishes
         return is_decreasing and math.isinf(condition.band_rad_s[1]) and bool(condition.level < 0)
     if reason.omega == (0.0,):
         return controllers.has_integral and is_broken_at_zero(problem, condition, reason.point)

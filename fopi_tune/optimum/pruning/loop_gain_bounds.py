@@ -91,9 +91,9 @@ class LoopGainBounds:
         if self.integral.is_zero():
             return low, _ZERO
         if not math.isinf(u[1]):
-            low = self.controllers.integral_size_below(self.integral, u[1])[0]
+            low = self.controllers.least_integral_size(self.integral, u[1])
         if not math.isinf(u[0]):
-            high = self.controllers.integral_size_above(self.integral, u[0])[1]
+            high = self.controllers.largest_integral_size(self.integral, u[0])
         return low if low > 0 else _ZERO, high
 
     def _integral_response(self, u: Interval) -> acb:
@@ -224,8 +224,6 @@ class LoopGainBounds:
         low, high = self._integral_size(u)
         kp = arb(self.kp.lower()), arb(self.kp.upper())
         angle = self.controllers.integral_lag(u)
-        if not angle <= arb.pi():
-            return False  # kp + z e^{ja} may turn the other way
         turn = acb(angle.cos(), angle.sin())
         least = (kp[1] + low * turn).arg() if low > 0 else _ZERO
         most = (kp[0] + high * turn).arg() if high.is_finite() and kp[0] > 0 else angle

@@ -123,15 +123,22 @@ def _linear(parametrization: DerivativeParametrization, boxes: Boxes, log_s: Com
 
 
 def _on_circle(parametrization: CrossoverParametrization, boxes: Boxes, log_s: Complex) -> TaylorModels:
-    alpha, psi = (column[:, None] for column in boxes.middle.T)
-    wide_alpha, wide_psi = (column[:, None] for column in boxes.half.T)
-    x = -np.exp(1j * psi) / complex(parametrization.plant)
+    alpha = boxes.middle.T[0][:, None]
     tau, k = log_s - math.log(parametrization.omega_rad_s), 0.5 * np.pi
     sine, cosine, e = np.sin(k * alpha), np.cos(k * alpha), np.exp(-alpha * tau)
     h = (cosine - e) / sine
     first = (-k / sine + tau * e + k * e * cosine / sine) / sine
     second = 2 * k * k * cosine / sine**2 - tau * tau * e - 2 * k * tau * e * cosine / sine
     second = (second - k * k * e * (1 + cosine * cosine) / sine**2) / sine
+    return _models_on_circle(parametrization, boxes, h, first, second)
+
+
+def _models_on_circle(
+    parametrization: CrossoverParametrization, boxes: Boxes, h: Complex, first: Complex, second: Complex
+) -> TaylorModels:
+    """Of Re x + Im x h(alpha), from h and its derivatives in alpha."""
+    wide_alpha, wide_psi = (column[:, None] for column in boxes.half.T)
+    x = -np.exp(1j * boxes.middle[:, 1:]) / complex(parametrization.plant)
     remainder = np.abs(x) * wide_psi * (0.5 * wide_psi * (1 + np.abs(h)) + np.abs(first) * wide_alpha)
     remainder = remainder + np.abs(x.imag) * np.abs(second) * wide_alpha**2 / 2
     return TaylorModels(x.real + x.imag * h, [x.imag * first, -x.imag + x.real * h], remainder)
@@ -141,17 +148,13 @@ def _on_circle_of_samples(
     parametrization: SampledCrossoverParametrization, boxes: Boxes, log_s: Complex
 ) -> TaylorModels:
     """(2) of `fopi_tune.optimum.samples.gains`."""
-    alpha, psi = (column[:, None] for column in boxes.middle.T)
-    wide_alpha, wide_psi = (column[:, None] for column in boxes.half.T)
-    x = -np.exp(1j * psi) / complex(parametrization.plant)
+    alpha = boxes.middle.T[0][:, None]
     at, at1, at2 = _with_derivatives(parametrization, 1j * float(parametrization.nu.mid()) + 0.0 * alpha, alpha)
     value, first, second = _with_derivatives(parametrization, np.exp(log_s) + 0.0 * alpha, alpha)
     h = (value - at.real) / at.imag
     h1 = (first - at1.real - h * at1.imag) / at.imag
     h2 = (second - at2.real - 2.0 * h1 * at1.imag - h * at2.imag) / at.imag
-    remainder = np.abs(x) * wide_psi * (0.5 * wide_psi * (1 + np.abs(h)) + np.abs(h1) * wide_alpha)
-    remainder = remainder + np.abs(x.imag) * np.abs(h2) * wide_alpha**2 / 2
-    return TaylorModels(x.real + x.imag * h, [x.imag * h1, -x.imag + x.real * h], remainder)
+    return _models_on_circle(parametrization, boxes, h, h1, h2)
 
 
 def _with_derivatives(

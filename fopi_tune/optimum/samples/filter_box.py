@@ -1,19 +1,22 @@
 """The filter of s^-alpha over a box of orders:  what the places of its poles and zeros tell beyond enclosures.
 
 For alpha <= 1 the poles 0, b_1, ... and the zeros a_k of F alternate in w, beginning with the pole at 0, so that F has
-positive residues. For alpha > 1 each b_k is below its a_k, and those of Oustaloup's filter alternate, so that F w has
-positive residues, but for the modified filter's fast pair: its pole may lie below the last zero, and it turns by
-asin((alpha - 1)/(alpha + 1)) at most. Hence along the axis w = j nu, u = ln nu,
+positive residues. For alpha > 1 each b_k is below its a_k. Those of Oustaloup's filter alternate again, 0 < b_1 < a_1
+< b_2 < ..., but the modified filter's fast pole f/alpha may lie below the last zero a_n. As a_n < 0.9 f, alpha < 2 and
+arctan x + arctan y > arctan(x + y),
 
-    |F| falls with u;    a = -arg F is in (0, 90 deg) for alpha < 1, above 90 deg for alpha > 1,
-    and below 180 deg, or with the fast pair below 180 deg + asin((alpha - 1)/(alpha + 1)) < 199 deg;
+    arctan(alpha nu/f) - arctan(nu/f) < arctan(nu/a_n) ,
+
+so that the fast pair leads by less than the last zero lags. Hence along the axis w = j nu, u = ln nu,
+
+    |F| falls with u;    a = -arg F is in (0, 90 deg) for alpha < 1, in (90 deg, 180 deg) above;
     Re F falls with u for alpha <= 1, so that |kp + ki F| does for kp, ki >= 0.                                     (1)
 
 As alpha rises every zero does and every pole falls, so that along it, at each frequency,
 
     a rises,    |F(w)/F(w_a)| rises for |w| < |w_a| and falls for |w| > |w_a|,    d ln|F|/du falls.                 (2)
 
-Source: derived; (1) from partial fractions with positive residues and pairs, (2) term by term from (1) of
+Source: derived; (1) from partial fractions with positive residues and pairs of corners, (2) term by term from (1) of
 `filter_of_order`.
 """
 
@@ -21,17 +24,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Any, TypeVar
 
 from flint import acb, arb
 
-from fopi_tune.digital.discretize import Method
 from fopi_tune.optimum.samples.filter_of_order import FilterAtOrder, FilterOfOrder
 from fopi_tune.proof.balls.box import Interval, ball_of, centre_of
 
 _T = TypeVar("_T")
-#: half-widths of orders from which their ends tell something that the slopes do not, and more
+#: half-widths of orders from which on size and angle by (2) sharpen a response, and replace a Taylor model in the order
 _NARROW, _WIDE = 0.01, 0.1
 #: responses that are kept
 _MOST_KNOWN = 512
@@ -47,12 +49,13 @@ class FilterBox:
         alpha: the orders.
         middle: a central one.
         nu: |w_a|, at which sizes are counted as 1.
+        log_unit: ln of the frequency, rad/s, of whose power of the order `anchor_size` is a multiple.
     """
 
-    def __init__(self, filtered: FilterOfOrder, alpha: arb, middle: arb, nu: arb) -> None:
+    def __init__(self, filtered: FilterOfOrder, alpha: arb, middle: arb, nu: arb, log_unit: arb) -> None:
         self.filter, self._alpha, self._middle, self._w = filtered, alpha, middle, acb(0, nu)
+        self._log_unit = log_unit
         self._known: dict[tuple[str, Interval], Any] = {}
-        self._sizes_of_unit: dict[str, arb] = {}
 
     @cached_property
     def central(self) -> FilterAtOrder:
@@ -110,28 +113,19 @@ class FilterBox:
         lag = self.lag_at_anchor
         return acb(lag.cos(), -lag.sin())
 
-    def anchor_size(self, log_unit: arb) -> arb:
+    @cached_property
+    def anchor_size(self) -> arb:
         """|F(w_a)| e^(alpha log_unit) over the orders."""
-        key = log_unit.str()
-        if key not in self._sizes_of_unit:
-            self._sizes_of_unit[key] = self._anchor_size_of_all(log_unit)
-        return self._sizes_of_unit[key]
-
-    def _anchor_size_of_all(self, log_unit: arb) -> arb:
         low, high = arb(self._alpha.lower()), arb(self._alpha.upper())
         count = max(1, math.ceil(float((high - low).mid()) / _PIECE))
         pieces = [(low + (high - low) * k / count).union(low + (high - low) * (k + 1) / count) for k in range(count)]
-        sizes = [self._anchor_size(piece, log_unit) for piece in pieces]
-        found = sizes[0]
-        for size in sizes[1:]:
-            found = found.union(size)
-        return found
+        return reduce(arb.union, map(self._anchor_size_of, pieces))
 
-    def _anchor_size(self, piece: arb, log_unit: arb) -> arb:
+    def _anchor_size_of(self, piece: arb) -> arb:
         middle = arb(piece.mid())
-        box = FilterBox(self.filter, piece, middle, self._w.imag)
-        rate = box.anchor_derivatives[0].real + log_unit
-        return abs(box.central.value(self._w)) * (middle * log_unit + rate * (piece - middle)).exp()
+        box = FilterBox(self.filter, piece, middle, self._w.imag, self._log_unit)
+        rate = box.anchor_derivatives[0].real + self._log_unit
+        return abs(box.central.value(self._w)) * (middle * self._log_unit + rate * (piece - middle)).exp()
 
     def _once(self, compute: Callable[[Interval], _T], u: Interval) -> _T:
         """What is computed of an interval, kept: many boxes share their orders and intervals."""
@@ -159,7 +153,7 @@ class FilterBox:
     def _lag(self, u: Interval) -> arb:
         quarter = arb.pi() / 2
         low = quarter if self._alpha > 1 else arb(0)
-        high = quarter if self._alpha <= 1 else self._most_lag
+        high = quarter if self._alpha <= 1 else 2 * quarter
         if math.isinf(u[0]) or math.isinf(u[1]):
             return low.union(high)
         (middle,) = centre_of((u,))
@@ -170,14 +164,6 @@ class FilterBox:
         both = found[0].union(found[-1])
         least, most = arb(both.lower()), arb(both.upper())
         return (least if least > low else low).union(most if most < high else high)
-
-    @cached_property
-    def _most_lag(self) -> arb:
-        """-arg F of orders above 1 is less, by (1)."""
-        if Method(self.filter.digital.method) is not Method.MODIFIED_OUSTALOUP:
-            return arb.pi()
-        order = arb(self._alpha.upper())
-        return arb.pi() + ((order - 1) / (order + 1)).asin()
 
     def _slopes(self, u: Interval) -> list[acb]:
         """d ln F/du at the least and the largest order."""

@@ -35,21 +35,27 @@ from fopi_tune.optimum.samples.filter_box import FilterBox
 from fopi_tune.optimum.samples.filter_of_order import FilterOfOrder
 from fopi_tune.proof.balls.box import Box, Interval, ball_of, centre_of
 
-_ONE = arb(1)
+_ZERO, _ONE = arb(0), arb(1)
 #: filters that are kept
 _MOST_KNOWN = 512
 
 
+@dataclass(frozen=True)
 class _WithFilter(Parametrization):
     """Filters over intervals of orders, which many boxes share.
 
-    Attributes:
+    Args:
         filter: F.
-        nu: tan(omega Ts/2) at the anchor.
+        nu: tan(omega Ts/2) at the anchor, the frequency at which |F| is counted as 1.
     """
 
     filter: FilterOfOrder
     nu: arb
+
+    @property
+    def log_unit(self) -> arb:
+        """ln of the frequency, rad/s, of whose power of the order the integral's gain is a multiple."""
+        return _ZERO
 
     @cached_property
     def _known(self) -> dict[Interval, FilterBox]:
@@ -60,21 +66,18 @@ class _WithFilter(Parametrization):
         if alpha not in self._known:
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
-            self._known[alpha] = FilterBox(self.filter, ball_of(alpha), arb(centre_of((alpha,))[0]), self.nu)
+            middle = arb(centre_of((alpha,))[0])
+            self._known[alpha] = FilterBox(self.filter, ball_of(alpha), middle, self.nu, self.log_unit)
         return self._known[alpha]
 
 
 @dataclass(frozen=True)
 class SampledGainParametrization(_WithFilter, GainParametrization):
-    """kp, z = ki ws^-alpha and alpha.
+    """kp, z = ki ws^-alpha and alpha; the anchor is any frequency."""
 
-    Args:
-        filter: F.
-        nu: tan(omega Ts/2) at a frequency at which |F| is counted from.
-    """
-
-    filter: FilterOfOrder
-    nu: arb
+    @property
+    def log_unit(self) -> arb:
+        return self.log_omega
 
     def controllers(self, box: Box) -> ControllerBox:
         return SampledGainBox(self, box)
@@ -94,13 +97,11 @@ class BoxOnSamples(ControllerBox):
         """What the integral's gain is multiplied with where F is counted from its size at the anchor."""
         return _ONE
 
-    def integral_size_below(self, integral: arb, u: float) -> tuple[arb, arb]:
-        least = (abs(integral) * self.scale).lower() * self.filters.sizes(u)[0]
-        return arb(least.lower()), arb.pos_inf()
+    def least_integral_size(self, integral: arb, u: float) -> arb:
+        return arb(((abs(integral) * self.scale).lower() * self.filters.sizes(u)[0]).lower())
 
-    def integral_size_above(self, integral: arb, u: float) -> tuple[arb, arb]:
-        most = (abs(integral) * self.scale).upper() * self.filters.sizes(u)[1]
-        return arb(0), arb(most.upper())
+    def largest_integral_size(self, integral: arb, u: float) -> arb:
+        return arb(((abs(integral) * self.scale).upper() * self.filters.sizes(u)[1]).upper())
 
     def integral_lag(self, u: Interval) -> arb:
         return self.filters.lag(u)
@@ -131,7 +132,7 @@ class SampledGainBox(BoxOnSamples, GainBox):
     @property
     def scale(self) -> arb:
         """ws^alpha |F| at the anchor."""
-        return self.filters.anchor_size(self.reference)
+        return self.filters.anchor_size
 
     def taylor_model(self, log_s: acb) -> TaylorModel:
         """Taylor model of (1)."""
@@ -155,15 +156,7 @@ class SampledGainBox(BoxOnSamples, GainBox):
 
 @dataclass(frozen=True)
 class SampledCrossoverParametrization(_WithFilter, CrossoverParametrization):
-    """alpha and psi, by (2).
-
-    Args:
-        filter: F.
-        nu: tan(wc Ts/2).
-    """
-
-    filter: FilterOfOrder
-    nu: arb
+    """alpha and psi, by (2); the anchor is wc."""
 
     def controllers(self, box: Box) -> ControllerBox:
         return SampledCrossoverBox(self, box)
@@ -178,9 +171,10 @@ class SampledCrossoverBox(BoxOnSamples, CrossoverBox):
 
     @property
     def integral_unit(self) -> arb:
-        return self.filters.anchor_size(arb(0))
+        return self.filters.anchor_size
 
     def _gains(self, x: acb, alpha: arb) -> tuple[arb, arb]:
+        # over all orders ki |F_c|, in which the order hardly shows; at the centre ki itself
         if alpha is not self._alpha_c:
             lag = self.filters.lag_at_anchor
             return x.real + x.imag * lag.cot(), -x.imag / lag.sin()

@@ -192,14 +192,14 @@ class LoopEnclosure:
     @property
     def plant_size(self) -> tuple[arb, arb]:
         """Bounds of |P|, sharp behind a dead time: what |P S| has where |S| = 1."""
-        (top, bottom), gain = self.plant_sides, abs(self.plant.gain.value)
-        most = gain * top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
-        return gain * top.abs_lower() / bottom.abs_upper(), most
+        return self._size_of(*self.plant_sides)
 
     @property
     def filtered_plant_size(self) -> tuple[arb, arb]:
         """The same of F P, F the measurement filter."""
-        top, bottom = self._filtered_sides
+        return self._size_of(*self._filtered_sides)
+
+    def _size_of(self, top: acb, bottom: acb) -> tuple[arb, arb]:
         gain = abs(self.plant.gain.value)
         most = gain * top.abs_upper() / bottom.abs_lower() if bottom.abs_lower() > 0 else arb.pos_inf()
         least = gain * top.abs_lower() / bottom.abs_upper() if bottom.abs_upper() > 0 else _ZERO

@@ -76,9 +76,9 @@ class SampledBallLoop(BallLoop):
     @cached_property
     def sections(self) -> Sections:
         """Poles and residues of C in w."""
-        return self.sections_here()
+        return self.compute_sections()
 
-    def sections_here(self) -> Sections:
+    def compute_sections(self) -> Sections:
         """The same at the current precision, without the cache."""
         return sections_of(self.implementation)
 

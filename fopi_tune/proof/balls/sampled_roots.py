@@ -32,7 +32,7 @@ def count_unstable_roots(loop: SampledBallLoop, theta: Sequence[float]) -> int |
     """
     with ctx.workprec(_ROOT_PRECISION):
         plant = loop.plant([arb(value) for value in theta])
-        sections = loop.sections_here()
+        sections = loop.compute_sections()
         if plant.late + len(plant.denominator) + len(sections[1]) <= MOST_ROOTS:
             count = _count_by_roots(sections, plant)
             if count is not None:

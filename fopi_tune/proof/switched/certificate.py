@@ -157,7 +157,7 @@ class SystemCertificate:
         return (
             f"At setpoint {proof.setpoint:g}{''.join(', ' + each for each in numbers)}: {pull} periodic orbit of "
             f"{counted(len(proof.modes), 'sample')}, from {proof.lowest:+.4g} to {proof.highest:+.4g} around "
-            f"the setpoint."
+            "the setpoint."
         )
 
 

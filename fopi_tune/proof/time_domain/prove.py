@@ -135,9 +135,8 @@ class _Search:
                 pending += pieces
             if self.examined >= self.budget:
                 reasons = [entry[2].reason for entry in waiting if entry[2].reason]
-                message = "; of a box ".join(
-                    [f"the budget of {counted(self.budget, 'box', 'boxes')} is spent", *reasons[:1]]
-                )
+                spent = f"the budget of {counted(self.budget, 'box', 'boxes')} is spent"
+                message = "; of a box ".join([spent, *reasons[:1]])
                 break
             examined = self._examine(pending.pop())
             found = examined.found

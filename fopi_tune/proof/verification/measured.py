@@ -19,6 +19,7 @@ from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.measured.loops import LoopPoints, MeasuredLoop
 from fopi_tune.core.measured.stability import PoleCount, count_unstable_poles
 from fopi_tune.core.peaks import Tilt
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.objectives import smallest_slack
 from fopi_tune.proof.verification.requirements import assess_requirement
@@ -78,11 +79,8 @@ class MeasuredSample:
             count = self.counts[unstable].unstable
             assert count is not None
             poles = round(count) if math.isfinite(count) else None
-            word = "pole" if poles == 1 else "poles"
-            reason = (
-                "the loop passes through -1" if poles is None else f"{poles} closed-loop {word} in the right half-plane"
-            )
-            reason = f"{reason}; {self._assumed}"
+            there = "" if poles is None else f"{counted(poles, 'closed-loop pole')} in the right half-plane"
+            reason = f"{there or 'the loop passes through -1'}; {self._assumed}"
             return Stability(False, peaks[unstable][0], self.place(unstable, peaks[unstable][1]), poles, reason)
         place = self.place(worst, peaks[worst][1])
         if open_one is not None:

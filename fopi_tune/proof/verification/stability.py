@@ -13,6 +13,7 @@ from fopi_tune.core.loops import Loops
 from fopi_tune.core.peaks import Response, extremes
 from fopi_tune.core.sampled_loops import SampledLoops
 from fopi_tune.core.stability import unstable_closed_loop_poles
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.errors import DomainError, UnstableLoopError
 from fopi_tune.proof.verification.results import Stability
 from fopi_tune.proof.verification.sample import Sample, evaluate, with_work
@@ -77,9 +78,8 @@ def _refuse_too_many_turns(sample: Sample, turns: Array, counts: Array) -> None:
     plant = ", ".join(f"{name} = {value:.6g}" for name, value in place.plant.items())
     said = f"the loop's phase turns {turns[row]:,.0f} times below its gain crossover{f' with {plant}' if plant else ''}"
     end = (
-        f"at most {MOST_TURNS:,} turns, with as many crossings, can be searched: take smaller gains or a "
-        f""
-        f"shorter dead time"
+        f"at most {MOST_TURNS:,} turns, with as many crossings, can be searched: "
+        "take smaller gains or a shorter dead time"
     )
     if counts[row] < 0.5:
         raise DomainError(f"{said}; {end}")
@@ -107,6 +107,5 @@ def _reason(loop: Loops, count: float, omega: float) -> str:
     if loop.log.slope_end()[0] >= -1e-12 and loop.plants.dead_time_s[0] > 0 and end_gain[0] >= 0:
         return "the direct path around the dead time has |L| >= 1 at high frequencies: infinitely many unstable poles"
     if np.isfinite(count):
-        poles = "pole" if round(count) == 1 else "poles"
-        return f"{round(count)} closed-loop {poles} {_unstable_side(loop)}"
+        return f"{counted(round(count), 'closed-loop pole')} {_unstable_side(loop)}"
     return f"near omega = {omega:.6g} rad/s the loop cannot be told from one through -1, on the verge of instability"

@@ -9,6 +9,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array, Complex
 from fopi_tune.core.crossings import gain_crossovers
+from fopi_tune.core.text_tables.words import agreeing
 from fopi_tune.errors import DomainError
 from fopi_tune.proof.verification.sample import LoopFunction, evaluate
 from fopi_tune.quantities import QUANTITIES
@@ -287,8 +288,8 @@ def _unstable_note(found: dict[str, Array]) -> str:
     if not unstable:
         return ""
     return (
-        f" Of the {many} plants along the curve {unstable} {'leaves' if unstable == 1 else 'leave'} an "
-        f"unstable loop, which has no margins: a gap there."
+        f" Of the {many} plants along the curve {unstable} {agreeing(unstable, 'leaves', 'leave')} an unstable loop, "
+        "which has no margins: a gap there."
     )
 
 

@@ -14,7 +14,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.measured.family import MeasuredFamily
 from fopi_tune.core.measured.loops import LoopPoints, MeasuredLoop
-from fopi_tune.core.text_tables.words import counted
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.report.documents import ResultDocuments
 from fopi_tune.report.figures.forbidden_regions import (
@@ -86,11 +86,8 @@ class MeasuredMembers:
     def phrase(self) -> str:
         """Whose loops are drawn, in words."""
         others = len(self.loops) - 1
-        beside = (
-            f", and the band that {counted(others, 'more member')} {'fills' if others == 1 else 'fill'}"
-            if others
-            else ""
-        )
+        fill = f"{counted(others, 'more member')} {agreeing(others, 'fills', 'fill')}"
+        beside = f", and the band that {fill}" if others else ""
         return f"of the nominal response{beside}; dots are the measured frequencies, the line is interpolated"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from fopi_tune.core.bode_form import Array
 from fopi_tune.core.crossings import gain_crossovers
+from fopi_tune.core.text_tables.words import agreeing
 from fopi_tune.errors import DomainError
 from fopi_tune.report.figures.members import Members
 from fopi_tune.report.figures.picture import STYLES, TWO_PANELS, Picture, label_axes, legend_below
@@ -106,9 +107,8 @@ def _unstable_note(unstable: int, many: int) -> str:
     if unstable == many:
         return " The loop is unstable for every plant drawn."
     return (
-        f" Of the {many} plants drawn {unstable} {'leaves' if unstable == 1 else 'leave'} an unstable loop: the "
-        f"axis is that of the stable ones, and the "
-        "others' outputs leave it."
+        f" Of the {many} plants drawn {unstable} {agreeing(unstable, 'leaves', 'leave')} an unstable loop: the axis is "
+        "that of the stable ones, and the others' outputs leave it."
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.text_tables.words import counted
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.report.figures.picture import BLACK, BLUE, ORANGE, WIDE, Picture, legend_below, plain_text
 from fopi_tune.report.text.formatting import number
 from fopi_tune.study.model import SUCCESS_STATUSES, HeatMap, Value
@@ -143,8 +143,8 @@ def heat_map_picture(cells: CellColumns, figure: HeatMap) -> Picture | None:
         told += " A field with several cells shows their median."
     if missing := len(cells.rows) - len(placed):
         told += (
-            f" {missing} of {counted(len(cells.rows), 'cell')} {'has' if missing == 1 else 'have'} no number there and "
-            f"{'is' if missing == 1 else 'are'} left out; a grey field has none."
+            f" {missing} of {counted(len(cells.rows), 'cell')} {agreeing(missing, 'has', 'have')} no number there "
+            f"and {agreeing(missing, 'is', 'are')} left out; a grey field has none."
         )
     if ring is not None and cells.best is not None:
         told += f" The ring is around the best cell, {cells.rows[cells.best]['cell']}."
@@ -215,13 +215,13 @@ def parallel_coordinates_picture(cells: CellColumns, columns: Sequence[str]) -> 
 
     axes_told = "; ".join(f"{scale.name} {scale.labels[0]} to {scale.labels[-1]}" for scale in scales)
     well = int(good.sum())
+    badly = len(good) - well
     told = (
-        f"A line for each of {counted(len(cells.rows), 'cell')} through its values, the least below and the "
-        f"largest above: "
-        f"{axes_told}. {counted(well, 'cell')} {'ends' if well == 1 else 'end'} well (blue, solid), {len(good) - well} "
-        f"{'does' if len(good) - well == 1 else 'do'} not (orange, dashed)."
+        f"A line for each of {counted(len(cells.rows), 'cell')} through its values, the least below and the largest "
+        f"above: {axes_told}. {counted(well, 'cell')} {agreeing(well, 'ends', 'end')} well (blue, solid), "
+        f"{badly} {agreeing(badly, 'does', 'do')} not (orange, dashed)."
     )
-    told += f" {len(shown)} of them {'is' if len(shown) == 1 else 'are'} drawn." if len(shown) < len(good) else ""
+    told += f" {len(shown)} of them {agreeing(len(shown), 'is', 'are')} drawn." if len(shown) < len(good) else ""
     if cells.best is not None:
         told += f" The thick line is the best cell, {cells.rows[cells.best]['cell']}."
     return Picture("Cells through their values", told, draw, (WIDE, 4.6))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.core.controller import FoPid
+from fopi_tune.core.text_tables.words import agreeing
 from fopi_tune.proof.verification.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.report.text.formatting import (
@@ -118,11 +119,8 @@ def proved_sentence(spec: DesignSpec, measures: Sequence[MeasureReport]) -> str:
         return f"All requirements{on_samples} are proved for every plant and every frequency."
     some = f"{len(checked)}{f' of {len(measures)}' if len(measures) > len(checked) else ''}"
     every = f"Requirements{on_samples} are proved" if spec.requirements else f"Stability{on_samples} is proved"
-    return f"{every} for every plant and frequency; {some} on scenarios {_is(checked)} checked by simulation."
-
-
-def _is(several: Sequence[object]) -> str:
-    return "is" if len(several) == 1 else "are"
+    are = agreeing(len(checked), "is", "are")
+    return f"{every} for every plant and frequency; {some} on scenarios {are} checked by simulation."
 
 
 def check_text(check: Check) -> Text:

@@ -18,6 +18,7 @@ from fopi_tune.report.text.formatting import (
     entry,
     gains_lines,
     number,
+    samples_phrase,
     style_of,
     to_text,
     with_unit,
@@ -66,8 +67,7 @@ def digital_text(result: Discretized) -> Text:
     made = f"{digital.method}, {counted(digital.poles, 'pole')}" + (
         "" if digital.method == "fit" else f", {digital.rule}{prewarped}"
     )
-    plural = "" if digital.delay_samples == 1.0 else "s"
-    late = f", {number(digital.delay_samples)} sample{plural} of computing delay" if digital.delay_samples else ""
+    late = f", {samples_phrase(digital.delay_samples)} of computing delay" if digital.delay_samples else ""
     lines += entry("sampled", f"every {with_unit(digital.sample_time_s, 's')} ({made}{late})")
     if digital.output_rate_per_s is not None:
         unit = f"{digital.output_unit} per s" if digital.output_unit else "per s"

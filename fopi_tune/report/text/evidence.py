@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.report.text.formatting import (
     BAD,
     FIRST_COLUMN,
@@ -116,11 +117,8 @@ def _sampling_lines(evidence: Evidence | SystemEvidence, what: str) -> Iterator[
     if evidence.outside:
         words += f", {evidence.outside} of them outside the family, where nothing is proved"
     if evidence.no_plants:
-        words += (
-            "; 1 more draw is no plant and is left out"
-            if evidence.no_plants == 1
-            else f"; {evidence.no_plants} more draws are no plants and are left out"
-        )
+        are = agreeing(evidence.no_plants, "is no plant and is", "are no plants and are")
+        words += f"; {counted(evidence.no_plants, 'more draw')} {are} left out"
     yield from entry("drawn", words)
     for name, distribution in drawn.distributions.items():
         yield from entry("", f"{name}: {_distribution_phrase(distribution.words())}")

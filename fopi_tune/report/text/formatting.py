@@ -11,6 +11,7 @@ from rich.text import Text
 
 from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.terms.measurement_filter import MeasurementFilter
+from fopi_tune.core.text_tables.words import agreeing
 from fopi_tune.quantities import QUANTITIES
 from fopi_tune.quantities.base import EvaluatedAt
 from fopi_tune.results.equalities import shown_score
@@ -226,6 +227,11 @@ def wrapped(sentence: str, style: str = "", indent: str = "", first: str = "") -
 def sentence(words: str) -> str:
     """The words with a full stop."""
     return words if words.endswith(".") else words + "."
+
+
+def samples_phrase(samples: float) -> str:
+    """`1 sample`, `1.4 samples`."""
+    return f"{number(samples)} {agreeing(samples, 'sample', 'samples')}"
 
 
 def next_sentence(words: str) -> str:

@@ -17,7 +17,7 @@ from fopi_tune.report.text.formatting import (
     with_unit,
     wrapped,
 )
-from fopi_tune.report.text.percentages import interval_phrase
+from fopi_tune.report.text.percentages import meeting_phrase
 from fopi_tune.spec.model import Limit, Relation, Requirement
 
 if TYPE_CHECKING:
@@ -101,10 +101,7 @@ def _details(report: MeasureReport) -> Iterator[str]:
     if report.why_checked:
         yield f"not proved: {report.why_checked}"
     if drawn is not None and drawn.total and named:
-        yield (
-            f"{drawn.met} of {drawn.total} drawn plants {'meets' if drawn.met == 1 else 'meet'} it "
-            f"({interval_phrase(drawn.low, drawn.high)})"
-        )
+        yield meeting_phrase(drawn.met, drawn.total, "plants", drawn.low, drawn.high)
 
 
 def _multiplier(report: MeasureReport, objective: float | None) -> str:

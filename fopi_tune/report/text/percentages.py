@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from decimal import ROUND_CEILING, ROUND_DOWN, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 
+from fopi_tune.core.text_tables.words import agreeing
+
 _DIGITS, _MOST_DIGITS = 4, 20
 
 
@@ -27,3 +29,8 @@ def _percent(share: Decimal, rounding: str) -> str:
         if rounding == ROUND_HALF_EVEN:
             shown = Context(_DIGITS, ROUND_DOWN).create_decimal(exact)
     return f"{shown.normalize():f}"
+
+
+def meeting_phrase(met: int, total: int, what: str, low: float, high: float) -> str:
+    """How many of the `what` drawn, `plants` or `pairs`, meet a limit, with the interval of their share."""
+    return f"{met} of {total} drawn {what} {agreeing(met, 'meets', 'meet')} it ({interval_phrase(low, high)})"

@@ -22,7 +22,7 @@ from fopi_tune.report.text.formatting import (
     wrapped,
 )
 from fopi_tune.report.text.measures import about_phrase, measure_phrase
-from fopi_tune.report.text.percentages import interval_phrase
+from fopi_tune.report.text.percentages import meeting_phrase
 
 if TYPE_CHECKING:
     from fopi_tune.results.system_design import DesignedSystem, DrawnRequirement
@@ -65,8 +65,5 @@ def _requirement(each: DrawnRequirement) -> Iterator[Line]:
     named = ", ".join(f"{name}{TIE}={TIE}{number(value)}" for name, value in each.plant.items())
     where = f"worst in {each.scenario}{f' with {named}' if named else ''}"
     drawn = each.drawn
-    counted = (
-        f"{drawn.met} of {drawn.total} drawn pairs {'meets' if drawn.met == 1 else 'meet'} it "
-        f"({interval_phrase(drawn.low, drawn.high)})"
-    )
+    counted = meeting_phrase(drawn.met, drawn.total, "pairs", drawn.low, drawn.high)
     yield from wrapped(f"{about_phrase(each.requirement)}; {where}; {counted}", QUIET, indent=" " * (FIRST_COLUMN + 2))

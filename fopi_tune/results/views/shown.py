@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fopi_tune.core.text_tables.words import counted
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.errors import DomainError
 from fopi_tune.results.saved.writing import folder_of, obstacle, write_file
 from fopi_tune.results.views.tables import Row, html_table, rows_of
@@ -124,7 +124,7 @@ def _told(document: Mapping[str, Any]) -> Iterator[str]:
         shares = f"{ends[0]:g} .. {ends[1]:g} %"
         yield (
             f"  {joint['met']} of {counted(joint['total'], 'plant')} "
-            f"{'meets' if joint['met'] == 1 else 'meet'} everything at once ({shares})"
+            f"{agreeing(joint['met'], 'meets', 'meet')} everything at once ({shares})"
         )
         rows = [row for row in rows if row["met"] < row["total"]][1:]
         yield from (f"  {_of(row)}: {row['met']} of {row['total']}" for row in rows)
@@ -133,7 +133,7 @@ def _told(document: Mapping[str, Any]) -> Iterator[str]:
             row for row in rows if row.get("verdict") in ("violated", "open", "undecided") or row.get("met") is False
         ]
         met = len(rows) - len(missed)
-        yield f"  {met} of {len(rows)} requirements and limits {'is' if met == 1 else 'are'} met"
+        yield f"  {met} of {len(rows)} requirements and limits {agreeing(met, 'is', 'are')} met"
         yield from (f"  {row.get('verdict', 'violated')}: {_of(row)}" for row in missed)
     for words in (document.get("message"), *document.get("notes", ())):
         if words:

@@ -99,8 +99,7 @@ def refuse_what_is_sampled(system: SystemSpec, scenario: ScenarioSpec) -> None:
         if mode.spec.plant.dead_time.max > 0.0:
             raise DomainError(
                 f"{mode.name}: the dead time of its plant is simulated on samples; leave `exact=True` out, or "
-                f"write whole "
-                "samples of it as delay_samples"
+                "write whole samples of it as delay_samples"
             )
         if order != 1:
             raise DomainError(

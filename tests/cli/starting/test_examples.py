@@ -99,7 +99,7 @@ def test_a_file_in_the_place_of_a_folder_is_named(folder: Path) -> None:
     (folder / "specs").write_text("mine", encoding="utf-8")
     refused = fopi("init", "--example", "brake")
     assert refused.exit_code == 2
-    assert refused.stderr == ("cannot write specs/brake.yaml (specs is a file, not a folder); go to another folder\n")
+    assert refused.stderr == "cannot write specs/brake.yaml (specs is a file, not a folder); go to another folder\n"
     assert (folder / "specs").read_text(encoding="utf-8") == "mine"
 
 

@@ -22,9 +22,8 @@ RESONANT = (
 def test_basins_that_differ_in_the_order_of_an_idle_term_are_one() -> None:
     problem = Problem.of(ft.parse_spec(RESONANT))
     idle = [basin.gains for basin in scan_box(problem, 3).basins if 0.0 < basin.gains[1] < 1e-3 * basin.gains[0]]
-    # along such basins kp alone tells them apart
-    for k, one in enumerate(idle):
-        assert all(abs(one[0] / other[0] - 1.0) > 0.02 for other in idle[:k])
+    # kp alone tells such basins apart; by their orders there were four
+    assert len(idle) == 1
 
 
 def test_orders_of_small_terms_do_not_count() -> None:
@@ -44,9 +43,9 @@ def test_rays_that_are_good_enough_are_not_improved() -> None:
     assert scan_box(question, 2, enough=-10.0).basins[0].cost == best.basins[0].cost
 
 
-def test_the_best_basins_cost_what_a_dense_scan_finds() -> None:
-    # an oracle of ten times as many rays, without searches between them
+def test_ten_times_as_many_rays_find_no_better_basin() -> None:
     problem = Problem.of(ft.parse_spec(RESONANT.replace("crossover_spread_db", "sensitivity_peak_db")))
     best = scan_box(problem, 3).basins[0].cost
     finest = min(basin.cost for basin in scan_box(problem, 3, 0.1).basins)
+    # neper: the polish goes on from there
     assert best <= finest + 1e-3

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cases.design_cases import CONTRADICTORY
 
 import fopi_tune as ft
 from fopi_tune.design import design
@@ -22,13 +23,6 @@ LEVEL = (
     "controller: {kp: {min: 0, max: 20}, ki: {min: 0.01, max: 20}, alpha: {min: 0.6, max: 1.3}}\n"
     "requirements:\n  - {sensitivity_db: {at_most: -6.4}, to_rad_s: 0.0135}\n  - {phase_margin_deg: {at_least: 34}}\n"
     "objective: {minimize: control_sensitivity_peak_db}\n"
-)
-#: no gains have this crossover, and the margin there
-CONTRADICTION = (
-    "schema: 1\nname: x\nplant: {model: pole, gain: 25, pole_rad_s: -1, dead_time_s: 0.033}\n"
-    "controller: {kp: {min: 0, max: 6.7}, ki: {min: 0, max: 0.85}, alpha: {min: 0.44, max: 1.36}}\n"
-    "requirements:\n  - {crossover_rad_s: {equals: 1.0}, on: nominal}\n  - {phase_margin_deg: {at_least: 44}}\n"
-    "objective: {minimize: phase_margin_spread_deg}\n"
 )
 SPREAD = (
     "schema: 1\nname: x\nplant: {model: lag, static_gain: {nominal: 2.8, min: 2.2, max: 3.2}, "
@@ -68,7 +62,7 @@ def test_gains_at_the_floor_have_an_integral() -> None:
 
 
 def test_a_start_whose_worst_cases_contradict_each_other_is_asked_once() -> None:
-    polish = Polish(Problem.of(ft.parse_spec(CONTRADICTION)))
+    polish = Polish(Problem.of(ft.parse_spec(CONTRADICTORY)))
     start = scan_box(polish.problem, 1).basins[0].gains
     assert polish.run(start) is None
     solves = polish.counts.solves

@@ -64,7 +64,7 @@ def test_a_derivative_of_the_setpoint_is_told() -> None:
 
 @pytest.mark.parametrize("structure", ["fopi", "least_order", "negative", "tiny", "huge", "derivative_alone"])
 def test_the_stated_error_is_that_of_the_input_that_is_named(structure: str) -> None:
-    # the input of the header's words, drawn again: the error of another draw is of the same size
+    # the input of the header's words, drawn again: largest errors of two draws differ by less than five times
     inputs = 0.3 + np.random.default_rng(1).normal(size=2000)
     controller = exported(structure).controller
     reference = run_parallel(controller.sections, inputs, Precision.FLOAT64)
@@ -74,5 +74,5 @@ def test_the_stated_error_is_that_of_the_input_that_is_named(structure: str) -> 
             rows = np.column_stack([table[:, :3], np.ones(len(table)), -table[:, 3:]])
             outputs = run_second_order(rows, inputs, made.precision)
             found = np.abs(outputs - reference).max() / np.abs(reference).max()
-            assert found < 5.0 * made.error + 1e-15
+            assert 0.2 * made.error < found < 5.0 * made.error
     assert "2000 samples of a\n   step of 0.3 with noise of standard deviation 1" in header(structure)

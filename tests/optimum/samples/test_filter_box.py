@@ -19,14 +19,13 @@ BOXES = [(0.3, 1.5), (0.79, 0.83), (1.2, 1.204), (0.9, 1.1), (0.1, 0.6), (1.0, 1
 ROOM = 1e-10
 
 
-def box_of(digital: DigitalSpec, orders: tuple[float, float], nu: float = 0.03) -> FilterBox:
-    return FilterBox(FilterOfOrder(digital), ball_of(orders), arb(0.5 * (orders[0] + orders[1])), arb(nu))
+def box_of(digital: DigitalSpec, orders: tuple[float, float], nu: float = 0.03, log_unit: float = 0.0) -> FilterBox:
+    middle = arb(0.5 * (orders[0] + orders[1]))
+    return FilterBox(FilterOfOrder(digital), ball_of(orders), middle, arb(nu), arb(log_unit))
 
 
 def holds(ball: acb, value: complex) -> bool:
-    """Whether a value lies in both parts of a ball, but for rounding; one that is not finite states nothing."""
-    if not ball.is_finite():
-        return True
+    """Whether a value lies in both parts of a ball, but for rounding."""
     room = ROOM * abs(value)
     return bool((ball.real - value.real).abs_lower() <= room) and bool((ball.imag - value.imag).abs_lower() <= room)
 
@@ -65,8 +64,8 @@ def test_sizes_at_the_anchor_and_lags_in_the_tails_hold_every_order(
     digital: DigitalSpec, orders: tuple[float, float]
 ) -> None:
     pick, nu, unit = np.random.default_rng(4), 0.3, math.log(0.7)
-    box, filtered = box_of(digital, orders, nu), FilterOfOrder(digital)
-    size = box.anchor_size(arb(unit))
+    box, filtered = box_of(digital, orders, nu, unit), FilterOfOrder(digital)
+    size = box.anchor_size
     for alpha in [*orders, *pick.uniform(*orders, 40)]:
         value = complex(filtered.in_floats(np.array([1j * nu]), np.array([alpha]))[0][0])
         assert (size / (abs(value) * math.exp(alpha * unit)) - 1).abs_lower() <= ROOM
@@ -74,6 +73,23 @@ def test_sizes_at_the_anchor_and_lags_in_the_tails_hold_every_order(
         for u, interval in ((-40.0, (-math.inf, -5.0)), (9.0, (5.0, math.inf))):
             value = complex(filtered.in_floats(np.array([1j * math.exp(u)]), np.array([alpha]))[0][0])
             assert (box.lag(interval) + math.atan2(value.imag, value.real)).abs_lower() <= ROOM
+
+
+@pytest.mark.parametrize("method", ["oustaloup", "modified_oustaloup"])
+def test_sizes_fall_along_the_axis_and_no_filter_lags_by_more_than_180_deg(method: str) -> None:
+    pick, w = np.random.default_rng(5), 1j * np.exp(np.linspace(-20.0, 12.0, 2001))
+    for _ in range(100):
+        low, poles = 10.0 ** pick.uniform(-4.0, 0.0), int(pick.integers(1, 9))
+        digital = DigitalSpec(
+            10.0 ** pick.uniform(-3.0, 0.5), method, poles, (low, low * 10.0 ** pick.uniform(0.3, 6.0))
+        )
+        for alpha in (*pick.uniform(0.01, 1.99, 3), 1.999):
+            value = FilterOfOrder(digital).in_floats(w, np.full(len(w), alpha))[0]
+            lag = np.arctan2(-value.imag, value.real) % (2.0 * math.pi)
+            low_deg, high_deg = (0.0, 90.0) if alpha < 1.0 else (90.0, 180.0)
+            assert low_deg - ROOM <= np.degrees(lag.min())
+            assert np.degrees(lag.max()) <= high_deg + ROOM
+            assert np.diff(np.log(np.abs(value))).max() <= ROOM
 
 
 @pytest.mark.parametrize("digital", METHODS, ids=lambda d: d.method)

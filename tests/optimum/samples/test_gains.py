@@ -17,6 +17,7 @@ from fopi_tune.proof.balls.box import Box
 
 SAMPLE_TIME_S, CROSSOVER_RAD_S = 0.2, 0.3
 NU = math.tan(0.5 * CROSSOVER_RAD_S * SAMPLE_TIME_S)
+#: rounding of the floating-point numbers that are compared
 ROOM = 1e-9
 
 
@@ -52,7 +53,7 @@ def controller(parametrization: Parametrization, point: np.ndarray, w: complex) 
 
 def inside(ball: acb, value: complex) -> bool:
     room = ROOM * (1.0 + abs(value))
-    return not ball.is_finite() or bool((abs(ball - acb(value.real, value.imag))).lower() <= room)
+    return bool((abs(ball - acb(value.real, value.imag))).lower() <= room)
 
 
 @pytest.mark.parametrize("method", ["oustaloup", "modified_oustaloup"])
@@ -90,8 +91,8 @@ def check_integral(
     size = abs(integral)
     response = controllers.integral_response(controllers.integral, u)
     assert inside(response, integral)
-    least = controllers.integral_size_below(controllers.integral, u[1])[0]
-    most = controllers.integral_size_above(controllers.integral, u[0])[1]
+    least = controllers.least_integral_size(controllers.integral, u[1])
+    most = controllers.largest_integral_size(controllers.integral, u[0])
     assert least <= size * (1.0 + 1e-6) + ROOM
     assert size * (1.0 - 1e-6) - ROOM <= most
 
@@ -105,7 +106,7 @@ def test_the_gain_of_positive_controllers_rises_no_faster_than_is_said(method: s
         controllers = parametrization.controllers(box)
         point = np.array([pick.uniform(*side) for side in box])
         u = float(pick.uniform(-6.0, 3.0))
-        value, kp, ki = controller(parametrization, point, 1j * math.exp(u))
+        _, kp, ki = controller(parametrization, point, 1j * math.exp(u))
         if kp < 0.0 or ki < 0.0:
             continue
         checked += 1
@@ -113,8 +114,8 @@ def test_the_gain_of_positive_controllers_rises_no_faster_than_is_said(method: s
         near = [abs(controller(parametrization, point, 1j * math.exp(u + shift))[0]) for shift in (-step, step)]
         rise = math.log(near[1] / near[0]) / (2.0 * step)
         most = arb(0) if alpha <= 1.0 else controllers.steepest_rise((u - 0.01, u + 0.01))
+        assert most.is_finite()
         assert rise <= most + 1e-6
-        assert abs(value) > 0.0
 
 
 @pytest.mark.parametrize("which", [0, 1])
