@@ -57,6 +57,8 @@ class GivenGains:
             return None
         given: dict[str, float] = {}
         spec.controller.refuse_filter_times("giving gains on the command line")
+        if spec.controller.setpoint_weight_range is not None:
+            raise DomainError("giving gains on the command line needs a spec whose setpoint_weight is one number")
         self._refuse_foreign(spec)
         for name in _NAMES:
             value, box = getattr(self, name), getattr(spec.controller, name)

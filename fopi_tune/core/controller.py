@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fopi_tune.core.terms.measurement_filter import (
     MeasurementFilter,
@@ -31,6 +31,8 @@ MU_MAX = 1.0
 #: names of a derivative's numbers, in documents and specs; that of its order, which a PID does not have
 DERIVATIVE_NAMES = ("kd", "derivative_filter_time_constant_s")
 ORDER_NAME = "mu"
+#: b, where it was designed
+WEIGHT_NAME = "setpoint_weight"
 #: why a larger order is refused
 IMPROPER = (
     "with mu above 1 the controller is improper: behind the filter of first order its gain grows without end with the "
@@ -47,6 +49,7 @@ class FoPi:
         ki: integral gain, in kp's unit times (rad/s)^alpha; any sign.
         alpha: order of the integral, 0 < alpha < 2; 1 is the ordinary PI.
         measurement_filter: F; None is 1.
+        setpoint_weight: b of kp (b r - y), on which the loop does not depend; None is that of the spec.
 
     Raises:
         DomainError: a gain is not finite, or alpha lies outside (0, 2).
@@ -56,16 +59,22 @@ class FoPi:
     ki: float
     alpha: float
     measurement_filter: MeasurementFilter | None = field(default=None, kw_only=True)
+    setpoint_weight: float | None = field(default=None, kw_only=True)
 
     def __repr__(self) -> str:
-        numbers = [each.name for each in fields(self) if each.repr and each.name != "measurement_filter"]
-        shown = [*numbers, "measurement_filter"] if self.measurement_filter is not None else numbers
+        names = [each.name for each in fields(self) if each.repr]
+        # those of FoPi that may be absent come last
+        absent = ("measurement_filter", WEIGHT_NAME)
+        shown = [name for name in names if name not in absent]
+        shown += [name for name in absent if getattr(self, name) is not None]
         return f"{type(self).__name__}({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
     def __post_init__(self) -> None:
         keep_plain(self, "kp", "ki", "alpha")
         if not ALPHA_MIN < self.alpha < ALPHA_MAX:
             raise DomainError(f"alpha = {self.alpha!r} lies outside (0, 2); s^-alpha is an integrator only inside")
+        if self.setpoint_weight is not None:
+            keep_plain(self, WEIGHT_NAME)
         if not isinstance(self.measurement_filter, MeasurementFilter | None):
             raise DomainError(f"measurement_filter = {self.measurement_filter!r} is none; give a MeasurementFilter")
 
@@ -114,6 +123,7 @@ class FoPid(FoPi):
         derivative_filter_time_constant_s: Tf > 0, s; with it |C| stays finite as omega -> infinity, where C -> kp, or
             kp + kd/Tf with mu = 1.
         measurement_filter: F; None is 1.
+        setpoint_weight: b; None is that of the spec.
 
     Raises:
         DomainError: a gain is not finite, alpha or mu lies outside its range, or Tf is not a positive number.
@@ -161,6 +171,7 @@ class Pid(FoPid):
         mu: order of the derivative, dimensionless: 1.
         derivative_filter_time_constant_s: Tf > 0, s; it keeps |C| finite as omega -> infinity, where C -> kp + kd/Tf.
         measurement_filter: F; None is 1.
+        setpoint_weight: b; None is that of the spec.
 
     Raises:
         DomainError: a gain is not finite, or Tf is not a positive number.
@@ -259,15 +270,15 @@ def controller_of(numbers: Mapping[str, float]) -> FoPi:
         DomainError: as of the controllers themselves; kd without mu beside an alpha other than 1.
     """
     kp, ki, alpha = numbers["kp"], numbers["ki"], numbers.get("alpha", 1.0)
-    filtered = filter_of(numbers)
+    more: Any = {"measurement_filter": filter_of(numbers), WEIGHT_NAME: numbers.get(WEIGHT_NAME)}
     if "kd" not in numbers:
-        return FoPi(kp, ki, alpha, measurement_filter=filtered)
+        return FoPi(kp, ki, alpha, **more)
     kd, filter_s = (numbers[name] for name in DERIVATIVE_NAMES)
     if ORDER_NAME in numbers:
-        return FoPid(kp, ki, alpha, kd, numbers[ORDER_NAME], filter_s, measurement_filter=filtered)
+        return FoPid(kp, ki, alpha, kd, numbers[ORDER_NAME], filter_s, **more)
     if alpha != 1.0:
         raise DomainError(f"alpha = {alpha!r} beside a kd without mu; the integral of a PID has order 1")
-    return Pid(kp, ki, kd, filter_s, measurement_filter=filtered)
+    return Pid(kp, ki, kd, filter_s, **more)
 
 
 def numbers_of(controller: FoPi) -> dict[str, float]:
@@ -276,5 +287,7 @@ def numbers_of(controller: FoPi) -> dict[str, float]:
     if isinstance(controller, FoPid):
         numbers |= {name: getattr(controller, name) for name in DERIVATIVE_NAMES}
         numbers |= {} if isinstance(controller, Pid) else {ORDER_NAME: controller.mu}
+    if controller.setpoint_weight is not None:
+        numbers[WEIGHT_NAME] = controller.setpoint_weight
     filtered = controller.measurement_filter
     return numbers if filtered is None else numbers | filter_numbers(filtered)

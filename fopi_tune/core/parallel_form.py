@@ -5,7 +5,7 @@ The sum is what a loop sees.  Which part of it acts on which signal, `DirectPart
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +27,14 @@ class DirectParts:
         derivative: of each of the derivative's sections; empty where there are none.
         equal_at_rad_s: of orders other than 1 the frequency at which integral and derivative are equally large and of
             one sign; None without.
+        setpoint_weight: b, where the gains hold their own; None is the spec's.
     """
 
     proportional: float
     integral: float = 0.0
     derivative: tuple[float, ...] = ()
     equal_at_rad_s: float | None = None
+    setpoint_weight: float | None = None
 
     @property
     def on_error(self) -> float:
@@ -65,6 +67,11 @@ class Sections:
     def has_derivative(self) -> bool:
         """Whether the last sections are the derivative's."""
         return self.parts is not None and len(self.parts.derivative) > 0
+
+    @property
+    def without_weight(self) -> Sections:
+        """The same where the gains hold no weight of the setpoint."""
+        return replace(self, parts=None if self.parts is None else replace(self.parts, setpoint_weight=None))
 
     @property
     def integral_sections(self) -> int:

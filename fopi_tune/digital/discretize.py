@@ -163,6 +163,8 @@ def sections_of(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None
         sections = with_derivative(
             _sections(gains, digital, crossover_rad_s), gains, _rest_of_derivative(gains, digital)
         )
+    if gains.setpoint_weight is not None and sections.parts is not None:
+        sections = replace(sections, parts=replace(sections.parts, setpoint_weight=gains.setpoint_weight))
     if not np.all(np.isfinite([sections.direct, *sections.poles, *sections.residues])):
         raise DomainError("the filter's numbers are beyond what a double holds; use fewer poles or a narrower band")
     count = sections.integral_sections

@@ -95,7 +95,7 @@ class Export:
             units=Units(digital.measurement_unit, digital.output_unit),
             limits=digital.output_limits,
             rate_per_s=digital.output_rate_per_s,
-            setpoint_weight=spec.controller.setpoint_weight,
+            setpoint_weight=spec.controller.weight_of(controller.gains),
         )
 
 

@@ -80,7 +80,9 @@ def runtime_of(sections: Sections, spec: DesignSpec) -> Runtime:
     Raises:
         DomainError: the limits are empty, or a coefficient is out of range.
     """
-    digital, weight = spec.digital, spec.controller.setpoint_weight
+    digital, parts, weight = spec.digital, sections.parts, spec.controller.setpoint_weight
+    if parts is not None and parts.setpoint_weight is not None:
+        weight = parts.setpoint_weight
     limits, rate = (digital.output_limits, digital.output_rate_per_s) if digital is not None else (None, None)
     return Runtime.of(sections, Precision.FLOAT64, limits, rate, weight, spec.controller.measurement_filter)
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from fopi_tune.core.controller import DERIVATIVE_NAMES, MU_MAX, FoPi, derivative_of
+from fopi_tune.core.controller import DERIVATIVE_NAMES, MU_MAX, WEIGHT_NAME, FoPi, derivative_of
 from fopi_tune.results.design import Design
 from fopi_tune.results.equalities import in_percent
 from fopi_tune.results.measured import measured_notes
@@ -145,7 +145,11 @@ def _too_fast_to_sample(asked: DesignSpec, gains: FoPi | None) -> Iterator[str]:
 def _at_ends(controller: ControllerSpec, gains: FoPi) -> Iterator[str]:
     for name, side in controller.ranges.items():
         value = getattr(gains, name)
-        is_idle = (name == "alpha" and gains.ki == 0.0) or (name == "mu" and derivative_of(gains).kd == 0.0)
+        is_idle = (
+            (name == "alpha" and gains.ki == 0.0)
+            or (name == "mu" and derivative_of(gains).kd == 0.0)
+            or (name == WEIGHT_NAME and gains.kp == 0.0)
+        )
         # the controller is proper up to mu = 1: there is no wider range
         if side.is_fixed or is_idle or (name == "mu" and value == side.max == MU_MAX):
             continue

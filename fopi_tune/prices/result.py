@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
-from fopi_tune.core.controller import ORDER_NAME, FoPi, numbers_of
+from fopi_tune.core.controller import ORDER_NAME, WEIGHT_NAME, FoPi, numbers_of
 from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.core.text_tables.words import counted
 from fopi_tune.prices.limit import MovableLimit
@@ -24,8 +24,8 @@ COLUMNS = ("limit", "status", "objective", "kp", "ki", "alpha", "largest_score",
 
 
 def columns_of(controller: ControllerSpec) -> tuple[str, ...]:
-    """The columns of the CSV file: `COLUMNS`, and last kd where there is a derivative, and its order in a fopid."""
-    more = [name for name in ("kd", ORDER_NAME) if name in controller.ranges]
+    """The columns of the CSV file: `COLUMNS`, and last those of kd, mu and the setpoint's weight that are designed."""
+    more = [name for name in ("kd", ORDER_NAME, WEIGHT_NAME) if name in controller.ranges]
     return (*COLUMNS, *more)
 
 
@@ -64,7 +64,7 @@ class TradeoffPoint:
         gains = (self.gains.kp, self.gains.ki, self.gains.alpha) if self.gains else (None, None, None)
         numbers = ["" if v is None else repr(v) for v in (self.objective, *gains, self.largest_score)]
         known = {} if self.gains is None else numbers_of(self.gains)
-        more = [repr(known[name]) for name in ("kd", ORDER_NAME) if name in known]
+        more = [repr(known[name]) for name in ("kd", ORDER_NAME, WEIGHT_NAME) if name in known]
         return (repr(self.limit), self.status.value, *numbers, str(self.binds).lower(), *more)
 
     def to_dict(self) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def prove_with_limits(spec: DesignSpec, implementation: Implementation | None) -
         return None
     # a setpoint's weight moves where the loop rests, not how it comes there: deviations obey the same equations
     unweighted = replace(spec, controller=replace(spec.controller, setpoint_weight=1.0))
-    controller = runtime_of(implementation.sections, unweighted)
+    controller = runtime_of(implementation.sections.without_weight, unweighted)
     if spec.digital.output_limits is None and not controller.limits_rate:
         return None
     from fopi_tune.proof.switched.model import SwitchedLoop, plant_obstacle

@@ -72,7 +72,8 @@ def cases_of(spec: DesignSpec, implementation: Implementation) -> list[tuple[int
     assert digital is not None
     limits, rate = digital.output_limits, digital.output_rate_per_s
     controller = Runtime.of(implementation.sections, Precision.FLOAT64, limits, rate)
-    on_error = not box.has_derivative and box.setpoint_weight == 1.0 and box.measurement_filter is None
+    on_error = not box.has_derivative and box.setpoint_weight == 1.0
+    on_error = on_error and box.setpoint_weight_range is None and box.measurement_filter is None
     return [
         (
             index,

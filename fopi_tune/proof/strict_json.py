@@ -10,7 +10,7 @@ import os
 from enum import StrEnum
 from typing import Any, TypeVar
 
-from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME, FoPi, controller_of
+from fopi_tune.core.controller import DERIVATIVE_NAMES, ORDER_NAME, WEIGHT_NAME, FoPi, controller_of
 from fopi_tune.core.terms.measurement_filter import FILTER_NAMES
 from fopi_tune.errors import CertificateError
 
@@ -69,7 +69,8 @@ class JsonObject:
         order = (ORDER_NAME,) if ORDER_NAME in self.value else ()
         derivative = DERIVATIVE_NAMES if order or any(name in self.value for name in DERIVATIVE_NAMES) else ()
         filtered = FILTER_NAMES if any(name in self.value for name in FILTER_NAMES) else ()
-        names = ("kp", "ki", "alpha", *derivative, *order, *filtered)
+        weight = (WEIGHT_NAME,) if WEIGHT_NAME in self.value else ()
+        names = ("kp", "ki", "alpha", *derivative, *order, *filtered, *weight)
         return controller_of({name: self.number(name) for name in names})
 
     def number_or_none(self, key: str) -> float | None:

@@ -274,7 +274,7 @@ class Discretized(Shown):
         from fopi_tune.digital import to_document as digital_document
 
         checked = verification_dict(self.spec, self.verification, self.certificate, self.stamp)
-        weight = self.spec.controller.setpoint_weight
+        weight = self.spec.controller.weight_of(self.controller.gains)
         weighted = {} if weight == 1.0 else {"setpoint_weight": weight}
         return {
             **checked,

@@ -18,6 +18,7 @@ from fopi_tune.spec.yaml.shapes import Choice, Converted, JsonSchema, Number, Pl
 _FREE = GainRange()
 #: orders that are searched by default; the ends 0 and 2 themselves are not allowed
 _ALPHA = GainRange(0.1, 1.9)
+_WEIGHTS = GainRange(0.0, 1.0)
 #: orders of the derivative that are searched by default
 _MU = GainRange(0.1, MU_MAX)
 _DERIVATIVE = (
@@ -94,7 +95,7 @@ def controller_shape() -> Shape:
             _time_shape("Tf of the derivative kd s^mu/(Tf s + 1) of pid and fopid, s"), required=False
         ),
         "setpoint_weight": Key(
-            Advised(Number("b of the proportional part kp (b r - y), as it runs on samples"), _weight_advice), False, 1
+            _gain_shape("weight b of the setpoint in kp (b r - y), as it runs on samples", Number, _WEIGHTS), False, 1
         ),
         "measurement_filter": Key(_filter_shape(), required=False),
     }
@@ -156,24 +157,22 @@ def _build_time(values: Values, place: Place) -> tuple[float, tuple[float, float
     return (low, None) if low == high else (middle_of((low, high)), (low, high))
 
 
-def _weight_advice(place: Place) -> str | None:
-    if isinstance(place.node, ScalarNode):
-        return None
-    return f"{kind_of(place.node)} is no setpoint weight: no requirement decides it in this version; write one number"
-
-
 def _build_controller(values: Values, place: Place) -> ControllerSpec | None:
     found = _build_box(values, place)
     if found is None:
         return None
-    weight = values.get("setpoint_weight", 1.0)
+    weight = values.get("setpoint_weight", GainRange(1.0, 1.0))
+    designed = None if weight.is_fixed else weight
     filtered, measurement_s = values.get("measurement_filter", (None, None))
     _, derivative_s = values.get(DERIVATIVE_NAMES[1], (0.0, None))
     times = FilterTimes(derivative_s, measurement_s) if derivative_s or measurement_s else None
     if times is not None and found.fixed is not None:
         place.refuse("every gain is fixed, so that nothing is designed; write the filter's time as a number too")
         return None
-    return replace(found, setpoint_weight=weight, measurement_filter=filtered, filter_times=times)
+    return replace(
+        found, setpoint_weight=weight.min if designed is None else 1.0, setpoint_weight_range=designed,
+        measurement_filter=filtered, filter_times=times,
+    )  # fmt: skip
 
 
 def _build_box(values: Values, place: Place) -> ControllerSpec | None:

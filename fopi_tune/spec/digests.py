@@ -40,18 +40,19 @@ def digests_of(spec: DesignSpec) -> dict[str, str]:
     if spec.sampled_design is not None:
         loop = {name: value for name, value in _plain(spec.sampled_design).items() if name not in _BESIDE_LOOP}
     requirements: Any = spec.requirements
+    weight = spec.controller.setpoint_weight
+    # as b = 1 is the default, specs without a weight have the digest they always had
+    digital = spec.digital if weight == 1.0 else (spec.digital, weight)
     if spec.designs_scenarios:
         # gains that are designed for scenarios depend on these, and on the limits of the control
-        requirements, loop = (requirements, spec.scenario_requirements, designed_scenarios(spec)), spec.digital
-    weight = spec.controller.setpoint_weight
+        requirements, loop = (requirements, spec.scenario_requirements, designed_scenarios(spec)), digital
     parts = {
         "plant": spec.plant,
         "controller": spec.controller,
         "requirements": requirements,
         "objective": spec.objective,
         "loop": loop,
-        # as b = 1 is the default, specs without a weight have the digest they always had
-        "digital": spec.digital if weight == 1.0 else (spec.digital, weight),
+        "digital": digital,
         "scenarios": (spec.scenarios, spec.judged_limits),
     }
     return {name: _digest(part) for name, part in parts.items()}
@@ -102,6 +103,7 @@ def _plain(value: Any) -> Any:
             absent += [] if value.has_derivative_order else [ORDER_NAME]
             absent += [] if value.measurement_filter is not None else ["measurement_filter"]
             absent += [] if value.filter_times is not None else ["filter_times"]
+            absent += [] if value.setpoint_weight_range is not None else ["setpoint_weight_range"]
             names = [name for name in names if name not in absent]
         if isinstance(value, PlantMember):
             names.remove("weight")

@@ -100,6 +100,7 @@ def read_spec(place: Place, sha256: str, read: FileReader) -> DesignSpec | None:
     _check_scenarios(values, measured, place)
     values |= check_scenario_design(values, measured, place)
     _refuse_times_for_designed_scenarios(values, measured, place)
+    _refuse_weight_that_nothing_decides(values, measured, place)
     if place.has("plants"):
         refuse_for_lists(values, measured, place)
     refuse_for_fractional(values, place)
@@ -184,6 +185,21 @@ def _refuse_times_for_designed_scenarios(values: Values, measured: list[PlacedLi
         _place_of_time(place, name).refuse(
             "a filter's time with a range is designed for requirements and objectives of the loop's frequencies; write "
             "one number, or write what scenarios have to meet under `limits:`, which is judged and not designed for"
+        )
+
+
+def _refuse_weight_that_nothing_decides(values: Values, measured: list[PlacedLimit], place: Place) -> None:
+    """A range of the setpoint's weight where no requirement or objective is about a step of the setpoint."""
+    controller, objective = values.get("controller"), values.get("objective")
+    if controller is None or controller.setpoint_weight_range is None:
+        return
+    names = {each.limit.scenario for each in measured}
+    names |= {objective.scenario} if objective is not None and objective.scenario is not None else set()
+    asked = [each for each in values.get("scenarios") or () if names and (None in names or each.name in names)]
+    if not any(knot.value != each.initial_output for each in asked for knot in each.reference):
+        place.child("controller").child("setpoint_weight").refuse(
+            "only what a scenario with a step or ramp of the setpoint measures decides it; add a requirement or an "
+            "objective about one, or write one number"
         )
 
 

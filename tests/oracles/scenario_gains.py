@@ -141,6 +141,6 @@ def near(spec: DesignSpec, gains: FoPi, count: int, seed: int) -> Iterable[FoPi]
         size, moved = 10.0 ** rng.uniform(-3.0, -0.3), {}
         for (name, ends), by in zip(ranges.items(), rng.normal(size=len(ranges)), strict=True):
             here = getattr(gains, name)
-            there = here + 0.3 * size * by if name in ("alpha", "mu") else here * math.exp(size * by)
+            there = here + 0.3 * size * by if name in ("alpha", "mu", "setpoint_weight") else here * math.exp(size * by)
             moved[name] = float(np.clip(there, ends.min, ends.max))
         yield replace(gains, **moved)

@@ -61,6 +61,29 @@ def test_every_structure_is_designed_for_scenarios() -> None:
         assert spec.digital.designs_sampled
 
 
+def test_a_weight_with_a_range_is_decided_by_a_step_of_the_setpoint_alone() -> None:
+    ranged = f"controller: {{{PID}, setpoint_weight: {{min: 0.2, max: 0.9}}}}\n"
+    aim = "objective: {minimize: iae, scenario: one}\n"
+    box = parse_spec(f"{SPEC}{ranged}{aim}").controller
+    assert box.setpoint_weight_range == GainRange(0.2, 0.9)
+    assert list(box.ranges) == ["kp", "ki", "kd", "setpoint_weight"]
+    # one number in two words
+    same = ranged.replace("0.9", "0.2")
+    assert parse_spec(f"{SPEC}{same}").controller.setpoint_weight == 0.2
+    resting = SPEC.replace("value: 1", "value: 0")
+    for text in (f"{SPEC}{ranged}", f"{resting}{ranged}{aim}"):
+        with pytest.raises(SpecError, match="only what a scenario with a step or ramp of the setpoint measures"):
+            parse_spec(text)
+
+
+def test_gains_that_are_designed_for_scenarios_depend_on_the_weight() -> None:
+    aim = "objective: {minimize: iae, scenario: one}\n"
+    text = f"{SPEC}{aim}controller: {{{PID}, setpoint_weight: "
+    half, one = (digests_of(parse_spec(f"{text}{weight}}}\n")) for weight in (0.5, 1))
+    assert {part for part in half if half[part] != one[part]} == {"loop", "digital"}
+    assert "loop" in DESIGN_PARTS
+
+
 def test_a_filter_with_a_range_beside_requirements_about_scenarios_is_refused() -> None:
     text = SPEC.replace("at_least: 60}}]", "at_least: 60}}, {overshoot: {at_most: 0.2}, scenario: one}]")
     words = PID.replace("0.2", "{min: 0.1, max: 1}")

@@ -571,8 +571,8 @@ IMPROPER = (
         ),
         (
             "{setpoint_weight: {min: 0, max: 1}}",
-            "5:31: controller.setpoint_weight: a mapping is no setpoint weight: no requirement decides it in this "
-            "version; write one number",
+            "5:31: controller.setpoint_weight: only what a scenario with a step or ramp of the setpoint measures "
+            "decides it; add a requirement or an objective about one, or write one number",
         ),
         (
             "{setpoint_weight: .inf}",

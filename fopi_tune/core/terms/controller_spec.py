@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from fopi_tune.core.controller import (
     DERIVATIVE_NAMES,
+    WEIGHT_NAME,
     FoPi,
     FoPid,
     Pid,
@@ -49,6 +51,7 @@ class ControllerSpec:
         mu: order of the derivative, of structure fopid alone; else None.
         measurement_filter: F, of the measurement before all terms; None is 1.
         filter_times: ranges of the filters' times that are designed; the times above are then in their middle.
+        setpoint_weight_range: where b is designed; the weight above is then 1, and gains hold their own.
     """
 
     kp: GainRange
@@ -60,6 +63,7 @@ class ControllerSpec:
     mu: GainRange | None = None
     measurement_filter: MeasurementFilter | None = None
     filter_times: FilterTimes | None = None
+    setpoint_weight_range: GainRange | None = None
 
     @property
     def has_derivative(self) -> bool:
@@ -80,7 +84,8 @@ class ControllerSpec:
     def ranges(self) -> dict[str, GainRange]:
         """The range of each number that may be free, by name."""
         by_structure = {"fopid": ("kp", "ki", "alpha", "kd", "mu"), "pid": ("kp", "ki", "kd")}
-        return {name: getattr(self, name) for name in by_structure.get(self.structure, ("kp", "ki", "alpha"))}
+        found = {name: getattr(self, name) for name in by_structure.get(self.structure, ("kp", "ki", "alpha"))}
+        return found if self.setpoint_weight_range is None else {**found, WEIGHT_NAME: self.setpoint_weight_range}
 
     @property
     def names(self) -> str:
@@ -103,6 +108,8 @@ class ControllerSpec:
         """
         filter_s = controller.derivative_filter_time_constant_s if isinstance(controller, FoPid) else 0.0
         is_of = isinstance(controller, FoPid) if self.has_derivative_order else structure_of(controller) != "fopid"
+        if (controller.setpoint_weight is None) != (self.setpoint_weight_range is None):
+            return False
         used, times = controller.measurement_filter, self.filter_times
         own_s, own = self.derivative_filter_time_constant_s, self.measurement_filter
         if times is not None and times.hold(filter_s, used):
@@ -116,6 +123,10 @@ class ControllerSpec:
         filter_s = getattr(controller, DERIVATIVE_NAMES[1], self.derivative_filter_time_constant_s)
         used = controller.measurement_filter
         return replace(self, derivative_filter_time_constant_s=filter_s, measurement_filter=used, filter_times=None)
+
+    def weight_of(self, controller: FoPi) -> float:
+        """b of a controller of this structure: its own, or the box's."""
+        return self.setpoint_weight if controller.setpoint_weight is None else controller.setpoint_weight
 
     def refuse_filter_times(self, what: str) -> None:
         """Refuse a stage that needs the filters of one controller.
@@ -160,17 +171,24 @@ class ControllerSpec:
         Raises:
             DomainError: the setpoint has a weight other than 1.
         """
-        if self.setpoint_weight != 1.0:
+        if self.setpoint_weight != 1.0 or self.setpoint_weight_range is not None:
+            said = "with a range" if self.setpoint_weight_range is not None else f"{self.setpoint_weight:g}"
             raise DomainError(
-                f"{what} is not available with setpoint_weight {self.setpoint_weight:g} in this version; leave it out, "
-                "or write setpoint_weight: 1"
+                f"{what} is not available with setpoint_weight {said} in this version; leave it out, or write "
+                "setpoint_weight: 1"
             )
 
-    def controller(self, kp: float, ki: float, alpha: float, kd: float = 0.0, mu: float = 1.0) -> FoPi:
+    def controller(
+        self, kp: float, ki: float, alpha: float, kd: float = 0.0, mu: float = 1.0,
+        setpoint_weight: float | None = None,
+    ) -> FoPi:  # fmt: skip
         """The controller with these gains in this box's structure."""
-        filter_s, filtered = self.derivative_filter_time_constant_s, self.measurement_filter
+        filter_s, more = self.derivative_filter_time_constant_s, self._beside_gains(setpoint_weight)
         if self.has_derivative_order:
-            return FoPid(kp, ki, alpha, kd, mu, filter_s, measurement_filter=filtered)
+            return FoPid(kp, ki, alpha, kd, mu, filter_s, **more)
         if self.has_derivative:
-            return Pid(kp, ki, kd, filter_s, measurement_filter=filtered)
-        return FoPi(kp, ki, alpha, measurement_filter=filtered)
+            return Pid(kp, ki, kd, filter_s, **more)
+        return FoPi(kp, ki, alpha, **more)
+
+    def _beside_gains(self, setpoint_weight: float | None) -> dict[str, Any]:
+        return {"measurement_filter": self.measurement_filter, WEIGHT_NAME: setpoint_weight}

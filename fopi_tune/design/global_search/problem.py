@@ -366,9 +366,10 @@ class Problem:
 
     def gains(self, x: Array) -> FoPi:
         """Scaled numbers of a controller in the user's units, inside their ranges."""
-        found, ranges = self.scale.controller(x), self.spec.controller.ranges
+        found, box = self.scale.controller(x), self.spec.controller
+        sides = {name: box.ranges[name] for name in self.structure.names}
         return replace(
-            found, **{name: min(max(getattr(found, name), side.min), side.max) for name, side in ranges.items()}
+            found, **{name: min(max(getattr(found, name), side.min), side.max) for name, side in sides.items()}
         )
 
 

@@ -63,7 +63,8 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
     """
     numbers = modeller.problem.numbers
     n, (low, high) = numbers.count, numbers.box
-    model = modeller.at(start)
+    # gains that were found for the loop alone have no weight of the setpoint
+    model = modeller.at(numbers.controller(numbers.of(start)))
     if model is None:
         return None
     radius, penalty, step, hessian, count, scale = _FIRST_RADIUS, _FIRST_PENALTY, None, np.zeros((n, n)), 0, 1.0

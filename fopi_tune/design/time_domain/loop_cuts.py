@@ -119,7 +119,7 @@ class LoopCuts:
         """
         x, count = self.scaled(gains), len(self.pool)
         if not count:
-            return np.zeros(0), np.zeros((0, len(x)))
+            return np.zeros(0), np.zeros((0, Numbers(self.problem).count))
         structure, cuts, size = self.problem.structure, np.array(self.pool), np.ones(len(x))
         names, linear = structure.names, structure.linear
         size[:linear] = 0.05 * structure.size(x) + np.abs(x[:linear])
@@ -134,7 +134,10 @@ class LoopCuts:
             if order in names:
                 place = names.index(gain)
                 slopes[:, names.index(order)] += sign * log_omega * x[place] * slopes[:, place]
-        return values, slopes / Numbers(self.problem).units(x)
+        numbers = Numbers(self.problem)
+        # the loop does not depend on the setpoint's weight
+        slopes = np.pad(slopes, ((0, 0), (0, numbers.count - len(x))))
+        return values, slopes / numbers.units(x)
 
     def _slacks(self, x: Array, cuts: Array) -> Array:
         polish, out, reference = self.polish, np.empty(len(cuts)), 0.0

@@ -39,11 +39,10 @@ def starts_of(problem: ScenarioProblem, cuts: LoopCuts, count: int, scattered: i
         cost = _cost(corners, gains, problem.corners)
         if np.isfinite(cost):
             ranked.append((cost, gains))
-    ranked = sorted(ranked, key=lambda each: each[0])[:_LOOKED_AT]
-    ranked += [
-        (_cost(corners, gains, problem.corners), gains)
-        for gains in (problem.loop.gains(basin.gains) for basin in scan_box(problem.scanned, _BASINS, 2.0).basins)
-    ]
+    ranked, numbers = sorted(ranked, key=lambda each: each[0])[:_LOOKED_AT], problem.numbers
+    for basin in scan_box(problem.scanned, _BASINS, 2.0).basins:
+        gains = numbers.controller(numbers.of(problem.loop.gains(basin.gains)))
+        ranked.append((_cost(corners, gains, problem.corners), gains))
     judged = []
     for cost, gains in ranked:
         found = cuts.look(gains)

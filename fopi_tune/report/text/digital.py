@@ -73,7 +73,9 @@ def digital_text(result: Discretized) -> Text:
         unit = f"{digital.output_unit} per s" if digital.output_unit else "per s"
         said = f"changes by at most {with_unit(digital.output_rate_per_s, unit)}, which the anti-windup knows of"
         lines += entry("output", said)
-    if (weight := result.spec.controller.setpoint_weight) != 1.0:
+    weight = result.spec.controller.setpoint_weight
+    # one that was designed stands beside the gains
+    if weight != 1.0:
         lines += entry("setpoint", f"weight {number(weight)}: kp acts on {number(weight)} r - y")
     if controller.gains.measurement_filter is not None:
         lines += entry("measured", "behind its filter, by Tustin's rule, before the sections")

@@ -188,7 +188,9 @@ def gains_lines(gains: FoPi | Mapping[str, FoPi]) -> list[Line]:
             (f"{labels[name]}{gains_line(each, 46 + FIRST_COLUMN - len(labels[name]))}", "bold")
             for name, each in gains.items()
         ]
-    return [(gains_line(gains), "bold"), *_filter_lines(gains.measurement_filter)]
+    weight = gains.setpoint_weight
+    weighted = [] if weight is None else entry("setpoint", f"weight b = {number(weight)}: kp acts on b r - y")
+    return [(gains_line(gains), "bold"), *weighted, *_filter_lines(gains.measurement_filter)]
 
 
 def filter_formula(used: MeasurementFilter) -> str:

@@ -26,6 +26,7 @@ class Gains(TypedDict):
         mu: order of the derivative, dimensionless.
         measurement_filter_order: 1 or 2.
         measurement_filter_time_constant_s: s.
+        setpoint_weight: b, dimensionless, where it was designed.
     """
 
     kp: float
@@ -36,6 +37,7 @@ class Gains(TypedDict):
     mu: NotRequired[float]
     measurement_filter_order: NotRequired[int]
     measurement_filter_time_constant_s: NotRequired[float]
+    setpoint_weight: NotRequired[float]
 
 
 class StampEntry(TypedDict):

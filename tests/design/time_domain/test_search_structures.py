@@ -39,6 +39,10 @@ NOISE = "{control_sensitivity_db: {at_most: 16}}"
 CASES = {
     "pid": (LAG, PID, f"{CALM}, {NOISE}", "minimize: iae, scenario: load", "poles: 5"),
     "weight": (LAG, f"{PID}, setpoint_weight: 0.5", f"{CALM}, {NOISE}", "minimize: ise, scenario: step", "poles: 5"),
+    "free weight": (
+        LAG, f"{PID}, setpoint_weight: {{min: 0, max: 1}}", f"{CALM}, {NOISE}", "minimize: iae, scenario: step",
+        "poles: 5",
+    ),
     "filter": (
         THREE_LAGS, "structure: pi, measurement_filter: {order: 1, time_constant_s: 0.2}", f"{CALM}, {EASY}",
         "minimize: iae, scenario: load", "poles: 5, delay_samples: 1",
@@ -81,14 +85,18 @@ def test_limits_hold_and_no_gains_nearby_are_better(name: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["pid", "weight", "filter", "limits"])
+@pytest.mark.parametrize("name", ["pid", "weight", "free weight", "filter", "limits"])
 def test_no_gains_of_the_whole_box_are_better(name: str) -> None:
     """A grid of gains, evenly in their logarithms, then those about its best ones."""
     spec, gains, _ = solved(name)
     points = grid(spec, 3)
     ranges = spec.controller.ranges
     axes = [
-        [ends.min] if ends.is_fixed else [*np.geomspace(0.02, min(ends.max, 20.0), 12), *([0.0] if key == "kd" else [])]
+        [ends.min]
+        if ends.is_fixed
+        else [0.0, 0.3, 0.6, 0.8, 1.0]
+        if key == "setpoint_weight"
+        else [*np.geomspace(0.02, min(ends.max, 20.0), 12), *([0.0] if key == "kd" else [])]
         for key, ends in ranges.items()
     ]
     here = objective(spec, gains, points)
@@ -135,3 +143,17 @@ def test_clashing_requirements_are_named_with_the_limits_that_can_be_had() -> No
         # with that limit and the others as they are there are gains
         others = tuple(replace(each, limit=limit) if each is own else each for each in spec.scenario_requirements)
         assert design_for_scenarios(replace(spec, scenario_requirements=others)).status is Status.SOLVED
+
+
+def test_a_weight_with_a_range_is_as_good_as_any_in_it() -> None:
+    spec, gains, _ = solved("free weight")
+    assert gains.setpoint_weight is not None
+    assert 0.0 <= gains.setpoint_weight <= 1.0
+    here, points = objective(spec, gains, grid(spec, 9)), grid(spec, 9)
+    box = spec.controller
+    for weight in (0.3, 1.0):
+        fixed = replace(spec, controller=replace(box, setpoint_weight=weight, setpoint_weight_range=None))
+        other = design_for_scenarios(fixed)
+        assert other.gains is not None
+        assert other.gains.setpoint_weight is None
+        assert here <= objective(fixed, other.gains, points) * (1.0 + 1e-4)
