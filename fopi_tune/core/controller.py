@@ -193,6 +193,16 @@ def refuse_no_gains(gains: object) -> None:
         raise DomainError(f"{gains!r:.100} is no controller; give a FoPi, Pid or FoPid, such as `gains` of a design")
 
 
+def refuse_zero_gains(gains: FoPi) -> None:
+    """Refuse gains that are all 0, which make no loop.
+
+    Raises:
+        DomainError: they are.
+    """
+    if gains.is_zero:
+        raise DomainError("all gains are 0: there is no controller, so there is no loop; give one of them a value")
+
+
 class Derivative(NamedTuple):
     """The term kd s^mu/(Tf s + 1) of a controller.
 

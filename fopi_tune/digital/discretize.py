@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fopi_tune.core.bode_form import Array
-from fopi_tune.core.controller import FoPi, FoPid, derivative_of, structure_of
+from fopi_tune.core.controller import FoPi, FoPid, derivative_of, refuse_zero_gains, structure_of
 from fopi_tune.core.parallel_form import Sections
 from fopi_tune.digital.coefficients import SampledFilter
 from fopi_tune.digital.fit import FIT_UP_TO, fit
@@ -128,8 +128,7 @@ def discretize(gains: FoPi, digital: DigitalSpec, crossover_rad_s: float | None 
         DomainError: all gains are 0, the band does not fit the sample time, or the parallel form is too inaccurate in
             float32.
     """
-    if gains.is_zero:
-        raise DomainError("all gains are 0: there is no controller; give one of them a value")
+    refuse_zero_gains(gains)
     sections = sections_of(gains, digital, crossover_rad_s)
     if gains.measurement_filter is not None:
         SampledFilter.of(gains.measurement_filter, digital.sample_time_s, Precision.FLOAT32)

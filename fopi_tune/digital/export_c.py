@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fopi_tune.core.text_tables.words import counted
 from fopi_tune.digital.discretize import FILTER_TERM, DigitalController, Method
 from fopi_tune.digital.implementation import step_cost
 from fopi_tune.digital.realise import Form, Precision
@@ -342,9 +343,10 @@ def _cost(runtime: Runtime, is_fed: bool) -> str:
     """What a step costs, whatever the processor."""
     cost, size = step_cost(runtime), np.dtype(runtime.precision.dtype).itemsize
     state = cost.state_bytes_float64 if size == 8 else cost.state_bytes_float32
+    added = counted(cost.additions + is_fed, "addition")
     return (
-        f"a step takes at most {cost.multiplications} multiplications and {cost.additions + is_fed} additions, beside "
-        f"comparisons; {state} bytes of state and {size * cost.coefficients} of coefficients"
+        f"a step takes at most {counted(cost.multiplications, 'multiplication')} and {added}, beside comparisons; "
+        f"{state} bytes of state and {size * cost.coefficients} of coefficients"
     )
 
 
@@ -352,7 +354,7 @@ def _filter(controller: DigitalController) -> str:
     digital = controller.digital
     rule = "" if digital.method == Method.FIT.value else f", sampled by {digital.rule}"
     low, high = digital.band_rad_s
-    return f"{digital.method}{rule}, {digital.poles} poles for {low:g} to {high:g} rad/s"
+    return f"{digital.method}{rule}, {counted(digital.poles, 'pole')} for {low:g} to {high:g} rad/s"
 
 
 def _errors(controller: DigitalController) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fopi_tune.core.controller import FoPi, refuse_no_gains
+from fopi_tune.core.controller import FoPi, refuse_no_gains, refuse_zero_gains
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.terms.numbers import plain_number
 from fopi_tune.pipeline.prove import other_text, with_digest_of
@@ -38,13 +38,14 @@ def certify_optimum(
 
     Raises:
         SpecError: the file cannot be read, or has mistakes.
-        DomainError: a gap or a limit that is not positive.
+        DomainError: gains that are all 0, or a gap or a limit that is not positive.
     """
     from fopi_tune.optimum import certify_optimum
 
     spec = load_spec(source)
     if gains is not None:
         refuse_no_gains(gains)
+        refuse_zero_gains(gains)
     gap, time_limit_s = plain_number("gap", gap), plain_number("time_limit_s", time_limit_s)
     refuse_without_bound(spec)
     spec.controller.refuse_derivative_order("the proof of the optimum")

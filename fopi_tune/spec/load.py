@@ -174,7 +174,10 @@ def parse_spec(text: str | bytes, file: str = "<spec>", files: Mapping[str, byte
 
     Raises:
         SpecError: not a usable spec; carries every problem found.
+        DomainError: something else than a text.
     """
+    if not isinstance(text, str | bytes):
+        raise DomainError(f"{text!r:.100} is no text of a spec; give it in YAML; load_spec takes a path or a dict")
     collector = ProblemCollector(file)
     return _parse(to_bytes(text, collector), collector, contents_reader(files or {}))
 

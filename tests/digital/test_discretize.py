@@ -153,7 +153,7 @@ def test_oustaloup_and_tustin_err_as_published() -> None:
 
 @pytest.mark.parametrize("gains", [FoPi(0.0, 0.0, 0.5), Pid(0.0, 0.0, 0.0, 1.0)])
 def test_gains_that_are_all_0_are_no_controller(gains: FoPi) -> None:
-    with pytest.raises(DomainError, match="all gains are 0: there is no controller; give one of them a value"):
+    with pytest.raises(DomainError, match="all gains are 0: there is no controller, so there is no loop; give one"):
         discretize(gains, DigitalSpec(0.1))
     with pytest.raises(DomainError, match="brake: all gains are 0, and code of a mode is that of its controller"):
         ft.discretize_system(ROOT / "systems" / "car.yaml", {"throttle": FoPi(0.1, 0.1, 0.8), "brake": gains})

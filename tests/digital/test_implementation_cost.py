@@ -93,3 +93,10 @@ def test_a_float_takes_half_the_room() -> None:
     cost = step_cost(Runtime.of(controller.sections, Precision.FLOAT32))
     assert cost.state_bytes_float64 == 2 * cost.state_bytes_float32
     assert cost.state_bytes_float32 == 4 * (len(controller.sections.poles) + 1)
+
+
+def test_the_header_counts_one_of_a_thing_as_one() -> None:
+    files = export_c(Export("x", "", "0" * 64, "t", discretize(FoPi(1.5, 0.0, 1.0), DigitalSpec(0.1, poles=1))))
+    (header,) = (" ".join(text.replace("\n *", " ").split()) for name, text in files.items() if name.endswith("f64.h"))
+    assert "at most 1 multiplication and 1 addition, beside" in header
+    assert "tustin, 1 pole for" in header

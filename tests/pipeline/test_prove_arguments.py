@@ -28,6 +28,16 @@ def test_what_are_no_gains_is_told(call: Callable[..., Any], gains: Any, told: s
         call(SPEC, gains)
 
 
+@pytest.mark.parametrize("name", ["brake", "brake_continuous"])
+@pytest.mark.parametrize("call", [ft.prove, ft.certify_optimum])
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+def test_gains_that_are_all_0_are_refused_on_samples_as_in_continuous_time(
+    call: Callable[..., Any], name: str, zero: float
+) -> None:
+    with pytest.raises(ft.DomainError, match="all gains are 0: there is no controller"):
+        call(ROOT / "specs" / f"{name}.yaml", ft.FoPi(zero, zero, 1.0))
+
+
 @pytest.mark.parametrize("gains", [GAINS, [GAINS], {"brake": None}, {"brake": "a"}])
 @pytest.mark.parametrize("call", [ft.simulate_system, ft.discretize_system, ft.validate_system, ft.prove_system])
 def test_what_are_no_gains_of_a_system_is_told(call: Callable[..., Any], gains: Any) -> None:

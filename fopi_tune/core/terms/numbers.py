@@ -102,7 +102,12 @@ def values_at(
     import numpy as np
 
     try:
-        points = np.asarray(s, dtype=complex)
+        given = np.asarray(s)
+        # NumPy makes nan of None, and a number of its text
+        kind = given.dtype.kind
+        if kind not in "biufcO" or (kind == "O" and any(isinstance(each, str | None) for each in given.flat)):
+            raise TypeError
+        points = given.astype(complex)
     except (TypeError, ValueError, OverflowError):
         raise DomainError(f"s = {s!r:.100} is no complex number; give one, such as 0.3j, or an array of them") from None
     with np.errstate(all="ignore"):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, refuse_zero_gains
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.margins import margins_of
 from fopi_tune.core.measured.family import MeasuredFamily
@@ -47,8 +47,9 @@ def verify(
 
     Raises:
         UnstableLoopError: some loop is unstable, and turns too often to be searched.
-        DomainError: kp = ki = 0, or a dead time so long that the loop's crossings cannot be listed.
+        DomainError: all gains are 0, or a dead time so long that the loop's crossings cannot be listed.
     """
+    refuse_zero_gains(gains)
     if isinstance(spec.plant, PlantList):
         return of_members(spec, spec.plant, _verified_members(spec, spec.plant, gains, tolerance, implementation))
     if isinstance(spec.plant, MeasuredFamily):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from fopi_tune.core.controller import FoPid
-from fopi_tune.core.text_tables.words import agreeing
+from fopi_tune.core.text_tables.words import agreeing, counted
 from fopi_tune.proof.verification.results import Outcome, Place, RequirementResult, Stability
 from fopi_tune.report.text.certificates import proof_lines
 from fopi_tune.report.text.formatting import (
@@ -320,7 +320,7 @@ def optimum_lines(optimum: Optimum | None, gap: float | None = None) -> Iterator
 def _optimum_words(optimum: Optimum) -> str:
     from fopi_tune.optimum import OptimumStatus
 
-    effort = f"{optimum.boxes} boxes of gains, {optimum.seconds:.1f} s"
+    effort = f"{counted(optimum.boxes, 'box', 'boxes')} of gains, {optimum.seconds:.1f} s"
     status = optimum.status
     if status is OptimumStatus.INFEASIBLE:
         return f"proved infeasible: no gains in the box meet every requirement ({effort})"

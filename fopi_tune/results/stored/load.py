@@ -153,7 +153,7 @@ def load(folder: str | os.PathLike[str], kind: str | None = None, spec: Source |
     files = _files_there(path)
     if kind is None:
         kind = _only_kind(path, files)
-    if kind not in files:
+    if not isinstance(kind, str) or kind not in files:
         known = ", ".join(sorted(files)) or "none"
         raise DomainError(f"there is no result of the kind {kind!r} in {path}; those that are there: {known}")
     document, name = _read(path, kind, files[kind]), files[kind]

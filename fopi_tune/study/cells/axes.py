@@ -25,6 +25,8 @@ CHECK = "check."
 EXPRESSION_SIGN = "="
 #: most values of one range; they are made before the cells are counted
 _MOST_STEPS = 100_000
+#: relative error of equal ratios, which `numpy.geomspace` takes powers of 10 for
+_ROUNDED = 1e-13
 _RANGE_EXAMPLE = "{from: 1, to: 10, steps: 4}"
 _IF_WHOLE_DRAWN = "drawn from a range; write whole numbers as a list, of which each is as likely: [10, 20, 50]"
 _IF_WHOLE_IN_STEPS = "a step of a range; write steps with which every number is whole, or a list: [10, 20, 50]"
@@ -205,5 +207,8 @@ def _values_in_steps(values: Values, place: Place) -> tuple[Node, ...] | None:
     # 3, 5, 7 and not 3.0, 5.0, 7.0 where the ends are written so
     written = (place.child(key).node for key in ("from", "to"))
     whole = all(isinstance(node, ScalarNode) and node.text.lstrip("+-").isdigit() for node in written)
-    whole = whole and bool(np.all(found == np.rint(found)))
-    return tuple(number_node(value, place.mark, _IF_WHOLE_IN_STEPS, whole) for value in found)
+    # equal ratios, such as 1, 2, 4, 8, are rounded
+    whole = whole and bool(np.all(np.abs(found - np.rint(found)) <= _ROUNDED * np.abs(found)))
+    return tuple(
+        number_node(np.rint(value) if whole else value, place.mark, _IF_WHOLE_IN_STEPS, whole) for value in found
+    )

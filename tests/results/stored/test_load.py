@@ -137,6 +137,9 @@ def test_of_several_results_the_kind_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(ft.DomainError, match="say which with kind=: evidence, simulation"):
         ft.load(tmp_path)
     assert ft.load(tmp_path, "evidence").kind == "evidence"
+    for other in ({}, ["evidence"], 3):
+        with pytest.raises(ft.DomainError, match="there is no result of the kind"):
+            ft.load(tmp_path, other)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ft.DomainError, match="no result of the kind 'design'"):
         ft.load(tmp_path, "design")
 

@@ -127,6 +127,12 @@ def test_what_is_no_spec_is_an_error_of_this_package(source: Any) -> None:
         ft.tune(source)
 
 
+@pytest.mark.parametrize("text", [7, None, {"name": "a"}, ["name: a"]])
+def test_what_is_no_text_of_a_spec_is_an_error_of_this_package(text: Any) -> None:
+    with pytest.raises(ft.FopiError, match="is no text of a spec; give it in YAML"):
+        ft.parse_spec(text)
+
+
 def test_a_spec_that_was_changed_has_another_hash_and_a_text_that_says_the_same() -> None:
     made = ft.spec(PI)
     changed = dataclasses.replace(made, description="slower", objective=None)

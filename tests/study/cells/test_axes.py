@@ -59,6 +59,11 @@ def test_whole_numbers_between_whole_ends_stay_whole() -> None:
     values, _ = read("{from: 9, to: 3, steps: 4}")
     assert repr(values) == "[9, 7, 5, 3]"
     assert repr(read("{from: 1, to: 100, steps: 3, scale: log}")[0]) == "[1, 10, 100]"
+    # geomspace has 7.999999999999999 for 8
+    for low, high, ratio, steps in ((1, 256, 2, 9), (-3, -48, 2, 5), (256, 1, 0.5, 9), (7, 7 * 3**20, 3, 21)):
+        values, _ = read(f"{{from: {low}, to: {high}, steps: {steps}, scale: log}}")
+        assert repr(values) == repr([int(low * ratio**i) for i in range(steps)])
+    assert repr(read("{from: 1, to: 63, steps: 3, scale: log}")[0]).startswith("[1.0, 7.93")
     # whole, but written as decimals, or not all whole
     assert repr(read("{from: 3.0, to: 9, steps: 3}")[0]) == "[3.0, 6.0, 9.0]"
     assert repr(read("{from: 0, to: 1, steps: 3}")[0]) == "[0.0, 0.5, 1.0]"
