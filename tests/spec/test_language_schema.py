@@ -160,7 +160,7 @@ MISTAKES: list[tuple[tuple[str | int, ...], Any]] = [
     (("controller",), {"alpha": 2}),
     (("controller",), {"alpha": {"min": 0}}),
     (("controller",), {"kd": 1}),
-    (("controller",), {"setpoint_weight": {"min": 0, "max": 1}}),
+    (("controller",), {"setpoint_weight": {"min": 0, "max": 1, "nominal": 0.5}}),
     (("controller",), {"measurement_filter": {"order": 3, "time_constant_s": 1}}),
     (("controller",), {"measurement_filter": {"order": 1, "time_constant_s": {"min": 1, "nominal": 2}}}),
     (("controller",), {"measurement_filter": {"time_constant_s": 1}}),
