@@ -84,7 +84,7 @@ def least_missed(
 ) -> Polished | None:  # fmt: skip
     """The gains at which the largest miss of the requirements in `free` is smallest; its cost is that miss.
 
-    None where no gains were found at which all others hold.
+    None where no gains were found at which all others hold, or where it is not known whether a miss is small enough.
 
     Args:
         problem: the problem.
@@ -101,6 +101,9 @@ def least_missed(
         found = polish.unchanged(basin.gains) if basin.cost <= enough else None
         if found is None or found.cost > enough:
             found = polish.run(basin.gains, rival=best)
+        if found is None and basin.cost <= enough:
+            # the scan says that these gains are enough and nothing shows it: neither that, nor that none are
+            return None
         if found is not None and (best is None or found.cost < best.cost):
             best = found
         if best is not None and best.cost <= MET:
