@@ -155,3 +155,16 @@ def test_a_measurement_filter_is_read_for_every_structure_and_is_part_of_the_con
         assert len({each[part] for each in digests}) == 1, part
     made = specs[2].controller.controller(1.0, 0.5, 1.0, 0.1, 1.0)
     assert made.measurement_filter == ft.MeasurementFilter(2, 0.1)
+
+
+def test_gains_hold_a_weight_where_the_spec_has_a_range_of_it_and_nowhere_else() -> None:
+    given, ranged = (
+        parse_spec(f"{SPEC}objective: {{minimize: iae, scenario: one}}\ncontroller: {{setpoint_weight: {weight}}}\n")
+        for weight in ("0.5", "{min: 0, max: 1}")
+    )
+    with pytest.raises(DomainError, match="give gains with a setpoint_weight"):
+        ft.prove(ranged, ft.FoPi(0.3, 0.1, 1.0))
+    with pytest.raises(DomainError, match="leave it out of the gains"):
+        ft.prove(given, ft.FoPi(0.3, 0.1, 1.0, setpoint_weight=0.5))
+    assert ranged.controller.weight_of(ft.FoPi(0.3, 0.1, 1.0, setpoint_weight=0.2)) == 0.2
+    assert given.controller.weight_of(ft.FoPi(0.3, 0.1, 1.0)) == 0.5
