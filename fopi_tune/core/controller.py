@@ -49,7 +49,7 @@ class FoPi:
         ki: integral gain, in kp's unit times (rad/s)^alpha; any sign.
         alpha: order of the integral, 0 < alpha < 2; 1 is the ordinary PI.
         measurement_filter: F; None is 1.
-        setpoint_weight: b of kp (b r - y), on which the loop does not depend; None is that of the spec.
+        setpoint_weight: b of kp (b r - y), dimensionless; the loop does not depend on it; None is that of the spec.
 
     Raises:
         DomainError: a gain is not finite, or alpha lies outside (0, 2).
@@ -123,7 +123,7 @@ class FoPid(FoPi):
         derivative_filter_time_constant_s: Tf > 0, s; with it |C| stays finite as omega -> infinity, where C -> kp, or
             kp + kd/Tf with mu = 1.
         measurement_filter: F; None is 1.
-        setpoint_weight: b; None is that of the spec.
+        setpoint_weight: b, dimensionless; None is that of the spec.
 
     Raises:
         DomainError: a gain is not finite, alpha or mu lies outside its range, or Tf is not a positive number.
@@ -171,7 +171,7 @@ class Pid(FoPid):
         mu: order of the derivative, dimensionless: 1.
         derivative_filter_time_constant_s: Tf > 0, s; it keeps |C| finite as omega -> infinity, where C -> kp + kd/Tf.
         measurement_filter: F; None is 1.
-        setpoint_weight: b; None is that of the spec.
+        setpoint_weight: b, dimensionless; None is that of the spec.
 
     Raises:
         DomainError: a gain is not finite, or Tf is not a positive number.
