@@ -36,6 +36,7 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
     """
     spec = load_spec(source)
     refuse_no_gains(gains)
+    spec.controller.refuse_other_weight(gains)
     return discretized(spec, gains, proof)
 
 

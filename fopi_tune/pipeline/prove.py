@@ -47,14 +47,7 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
             f"the gains have measurement_filter {gains.measurement_filter}, and the spec's controller "
             f"{spec.controller.measurement_filter}; give gains with that one"
         )
-    if spec.controller.setpoint_weight_range is not None and gains.setpoint_weight is None:
-        raise DomainError(
-            "the spec's setpoint_weight has a range; give gains with a setpoint_weight, as a design's have"
-        )
-    if gains.setpoint_weight is not None and spec.controller.setpoint_weight_range is None:
-        raise DomainError(
-            "the gains have a setpoint_weight of their own, and the spec gives it; leave it out of the gains"
-        )
+    spec.controller.refuse_other_weight(gains)
     if not spec.controller.has_structure_of(gains):
         raise DomainError(
             "the gains are of another structure than the spec's controller; give a Pid, or with structure fopid a "

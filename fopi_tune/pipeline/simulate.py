@@ -75,6 +75,7 @@ def simulate(
     replay = None if replay is None else whole_number("replay", replay)
     spec = load_spec(source)
     refuse_no_gains(gains)
+    spec.controller.refuse_other_weight(gains)
     refuse_measured(spec, "a simulation")
     drawn = override_validation(spec.validation, samples, seed)
     spec = replace(spec, validation=drawn)

@@ -92,8 +92,10 @@ def test_a_filter_with_a_range_beside_requirements_about_scenarios_is_refused() 
         parse_spec(f"{text}controller: {{{words}}}\n")
 
 
-def test_a_weight_in_a_mode_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "mode.yaml").write_text(SPEC + "controller: {setpoint_weight: 0.5}\n")
+@pytest.mark.parametrize("weight", ["0.5", "{min: 0, max: 1}"])
+def test_a_weight_in_a_mode_is_refused(weight: str, tmp_path: Path) -> None:
+    aim = "objective: {minimize: iae, scenario: one}\n"
+    (tmp_path / "mode.yaml").write_text(f"{SPEC}{aim}controller: {{setpoint_weight: {weight}}}\n")
     (tmp_path / "s.yaml").write_text(
         "schema: 1\nname: s\n"
         "system: {throttle: {spec: mode.yaml}, brake: {spec: mode.yaml}, hysteresis: 0.5}\n"
@@ -162,9 +164,10 @@ def test_gains_hold_a_weight_where_the_spec_has_a_range_of_it_and_nowhere_else()
         parse_spec(f"{SPEC}objective: {{minimize: iae, scenario: one}}\ncontroller: {{setpoint_weight: {weight}}}\n")
         for weight in ("0.5", "{min: 0, max: 1}")
     )
-    with pytest.raises(DomainError, match="give gains with a setpoint_weight"):
-        ft.prove(ranged, ft.FoPi(0.3, 0.1, 1.0))
-    with pytest.raises(DomainError, match="leave it out of the gains"):
-        ft.prove(given, ft.FoPi(0.3, 0.1, 1.0, setpoint_weight=0.5))
+    for stage in (ft.prove, ft.discretize, ft.simulate, ft.validate):
+        with pytest.raises(DomainError, match="give gains with a setpoint_weight"):
+            stage(ranged, ft.FoPi(0.3, 0.1, 1.0))
+        with pytest.raises(DomainError, match="leave it out of the gains"):
+            stage(given, ft.FoPi(0.3, 0.1, 1.0, setpoint_weight=0.5))
     assert ranged.controller.weight_of(ft.FoPi(0.3, 0.1, 1.0, setpoint_weight=0.2)) == 0.2
     assert given.controller.weight_of(ft.FoPi(0.3, 0.1, 1.0)) == 0.5

@@ -124,9 +124,30 @@ class ControllerSpec:
         used = controller.measurement_filter
         return replace(self, derivative_filter_time_constant_s=filter_s, measurement_filter=used, filter_times=None)
 
+    @property
+    def first_weight(self) -> float | None:
+        """b of gains that are found without it: as near to 1 as its range allows; None without a range."""
+        side = self.setpoint_weight_range
+        return None if side is None else min(max(1.0, side.min), side.max)
+
     def weight_of(self, controller: FoPi) -> float:
         """b of a controller of this structure: its own, or the box's."""
         return self.setpoint_weight if controller.setpoint_weight is None else controller.setpoint_weight
+
+    def refuse_other_weight(self, controller: FoPi) -> None:
+        """Refuse gains without a weight of the setpoint where it has a range, and with one where the box gives it.
+
+        Raises:
+            DomainError: they are.
+        """
+        if controller.setpoint_weight is None and self.setpoint_weight_range is not None:
+            raise DomainError(
+                "the spec's setpoint_weight has a range; give gains with a setpoint_weight, as a design's have"
+            )
+        if controller.setpoint_weight is not None and self.setpoint_weight_range is None:
+            raise DomainError(
+                "the gains have a setpoint_weight of their own, and the spec gives it; leave it out of the gains"
+            )
 
     def refuse_filter_times(self, what: str) -> None:
         """Refuse a stage that needs the filters of one controller.

@@ -368,9 +368,8 @@ class Problem:
         """Scaled numbers of a controller in the user's units, inside their ranges."""
         found, box = self.scale.controller(x), self.spec.controller
         sides = {name: box.ranges[name] for name in self.structure.names}
-        return replace(
-            found, **{name: min(max(getattr(found, name), side.min), side.max) for name, side in sides.items()}
-        )
+        inside = {name: min(max(getattr(found, name), side.min), side.max) for name, side in sides.items()}
+        return replace(found, setpoint_weight=box.first_weight, **inside)
 
 
 def _needed(constraints: tuple[Constraint, ...]) -> tuple[Constraint, ...]:

@@ -63,7 +63,7 @@ def local_search(modeller: Modeller, start: FoPi, most: int, met: float = 1e-7) 
     """
     numbers = modeller.problem.numbers
     n, (low, high) = numbers.count, numbers.box
-    # gains that were found for the loop alone have no weight of the setpoint
+    # a start may be without the weight of the setpoint
     model = modeller.at(numbers.controller(numbers.of(start)))
     if model is None:
         return None

@@ -41,7 +41,7 @@ def cut_slacks(x, cuts, rows, family, sampling, low_v, high_v, horizon, referenc
     """The slack of each cut at gains x, its frequency settled anew.
 
     Args:
-        x: the scaled gains, of kp + ki s^-alpha and alpha.
+        x: the first three scaled numbers, as `controller_of` takes them: kp', ki', and alpha or kd'.
         cuts: shape (n, 6 + p).
         rows: of the problem, those of the objective last.
         family: the plants' coefficients.
@@ -81,7 +81,7 @@ class LoopCuts:
     pool: list[Array] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.polish = Polish(self.problem)
+        self.polish, self.numbers = Polish(self.problem), Numbers(self.problem)
 
     def scaled(self, gains: FoPi) -> Array:
         """Scaled numbers of the controller, shape (n,)."""
@@ -119,7 +119,7 @@ class LoopCuts:
         """
         x, count = self.scaled(gains), len(self.pool)
         if not count:
-            return np.zeros(0), np.zeros((0, Numbers(self.problem).count))
+            return np.zeros(0), np.zeros((0, self.numbers.count))
         structure, cuts, size = self.problem.structure, np.array(self.pool), np.ones(len(x))
         names, linear = structure.names, structure.linear
         size[:linear] = 0.05 * structure.size(x) + np.abs(x[:linear])
@@ -134,10 +134,9 @@ class LoopCuts:
             if order in names:
                 place = names.index(gain)
                 slopes[:, names.index(order)] += sign * log_omega * x[place] * slopes[:, place]
-        numbers = Numbers(self.problem)
         # the loop does not depend on the setpoint's weight
-        slopes = np.pad(slopes, ((0, 0), (0, numbers.count - len(x))))
-        return values, slopes / numbers.units(x)
+        slopes = np.pad(slopes, ((0, 0), (0, self.numbers.count - len(x))))
+        return values, slopes / self.numbers.units(x)
 
     def _slacks(self, x: Array, cuts: Array) -> Array:
         polish, out, reference = self.polish, np.empty(len(cuts)), 0.0

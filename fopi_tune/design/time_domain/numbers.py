@@ -20,8 +20,9 @@ _AT_END = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """The numbers x of a problem's controllers, in the user's units, shape (n,): the gains first,
-    then the orders, then the weight of the setpoint where that has a range.
+    """The numbers x of a problem's controllers, in the user's units, shape (n,).
+
+    The gains come first, then the orders, then the weight of the setpoint where that has a range.
 
     Args:
         loop: requirements on the loop's frequency response; gives the structure, the ranges and the scale.
@@ -52,12 +53,9 @@ class Numbers:
 
     def of(self, gains: FoPi) -> Array:
         """x of a controller, shape (n,)."""
-        named = {name: getattr(gains, name) for name in self.names}
-        if named.get(WEIGHT_NAME, 1.0) is None:
-            # gains of the loop alone have none: as near to 1 as it may be
-            place = self.names.index(WEIGHT_NAME)
-            named[WEIGHT_NAME] = min(max(1.0, self.box[0][place]), self.box[1][place])
-        return np.array([named[name] for name in self.names])
+        values = (getattr(gains, name) for name in self.names)
+        # a start may be without the weight
+        return np.array([self.loop.spec.controller.first_weight if value is None else value for value in values])
 
     def controller(self, x: Array) -> FoPi:
         """The controller with these numbers, shape (n,)."""

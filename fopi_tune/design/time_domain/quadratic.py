@@ -186,13 +186,9 @@ def _solve(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
+    cones = [clarabel.NonnegativeConeT(len(rows))]
     found = clarabel.DefaultSolver(
-        sparse.csc_matrix(quadratic),
-        linear,
-        sparse.csc_matrix(rows),
-        rhs,
-        [clarabel.NonnegativeConeT(len(rows))],
-        settings,
+        sparse.csc_matrix(quadratic), linear, sparse.csc_matrix(rows), rhs, cones, settings
     ).solve()
     x, z = np.array(found.x), np.array(found.z)
     return (x, z[:count]) if np.isfinite(x).all() and np.isfinite(z).all() else None

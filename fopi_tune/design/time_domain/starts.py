@@ -39,9 +39,9 @@ def starts_of(problem: ScenarioProblem, cuts: LoopCuts, count: int, scattered: i
         cost = _cost(corners, gains, problem.corners)
         if np.isfinite(cost):
             ranked.append((cost, gains))
-    ranked, numbers = sorted(ranked, key=lambda each: each[0])[:_LOOKED_AT], problem.numbers
+    ranked = sorted(ranked, key=lambda each: each[0])[:_LOOKED_AT]
     for basin in scan_box(problem.scanned, _BASINS, 2.0).basins:
-        gains = numbers.controller(numbers.of(problem.loop.gains(basin.gains)))
+        gains = problem.loop.gains(basin.gains)
         ranked.append((_cost(corners, gains, problem.corners), gains))
     judged = []
     for cost, gains in ranked:

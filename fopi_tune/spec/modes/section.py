@@ -200,7 +200,7 @@ def _problem(spec: DesignSpec) -> str | None:
         )
     if spec.controller.measurement_filter is not None:
         return "a mode's controller has no measurement_filter in this version; remove it from its spec"
-    if spec.controller.setpoint_weight != 1.0:
+    if spec.controller.setpoint_weight != 1.0 or spec.controller.setpoint_weight_range is not None:
         return "a mode's controller has setpoint_weight: 1 in this version; remove the weight from its spec"
     if isinstance(spec.plant, PlantList):
         return "a mode's spec has one plant in this version; write plant: in place of plants:"
