@@ -67,7 +67,8 @@ class Export:
         limits: of the output in its unit, lower first; None where there are none.
         rate_per_s: fastest change of the output, per s; None where there is no limit.
         setpoint_weight: b of kp (b r - y), dimensionless.
-        is_fed: whether a system adds a feed-forward to its output; such a controller acts on r - y.
+        is_fed: whether a system adds a feed-forward to its output; such a controller has no weight of the setpoint.
+        restarts: whether a system starts it anew where its mode is entered.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Export:
     rate_per_s: float | None = None
     setpoint_weight: float = 1.0
     is_fed: bool = False
+    restarts: bool = False
 
     @classmethod
     def of(cls, spec: DesignSpec, controller: DigitalController) -> Export:
@@ -150,7 +152,9 @@ def controller_code(export: Export, precision: Precision, identifier: str, part_
         DomainError: empty limits, a rate of 0, or a controller that is unusable after rounding.
     """
     runtime = runtime_in(export, precision)
-    of_system = {**({"part_of": part_of} if part_of else {}), **({"fed": True} if export.is_fed else {})}
+    of_system: dict[str, Any] = {"part_of": part_of} if part_of else {}
+    of_system |= {"fed": True} if export.is_fed else {}
+    of_system |= {"restarts": True} if export.restarts and runtime.derivative is not None else {}
     values = with_export_id({**template_values(export, runtime, identifier), **of_system})
     files = code_files("controller", {"part_of": "", **values})
     return ControllerCode(runtime, values["prefix"], values["macro"], values["export_id"], files)

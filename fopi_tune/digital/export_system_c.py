@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from fopi_tune.core.controller import FoPi, derivative_of
 from fopi_tune.digital.export_c import (
     ControllerCode,
     Export,
@@ -80,12 +81,12 @@ def export_system_c(export: SystemExport) -> dict[str, str]:
     """
     identifier = identifier_of(export.name)
     files: dict[str, str] = {}
-    fed = bool(export.switching.fed)
+    called = {"is_fed": bool(export.switching.fed), "restarts": export.switching.memory is Memory.RESET}
     pairs, stems = [], []
     for precision in Precision:
         prefix = f"fopi_{identifier}_{c_type(precision)['suffix']}"
         codes = [
-            controller_code(replace(mode, is_fed=fed), precision, f"{identifier}_{name}", prefix)
+            controller_code(replace(mode, **called), precision, f"{identifier}_{name}", prefix)
             for mode, name in zip(export.modes, export.mode_names, strict=True)
         ]
         pair = SwitchedRuntime((codes[0].runtime, codes[1].runtime), export.switching)
@@ -162,11 +163,12 @@ def _fed(pair: SwitchedRuntime, suffix: str) -> dict[str, Any]:
 
 
 def _mode(export: SystemExport, index: int, code: ControllerCode) -> dict[str, Any]:
-    low, high = code.runtime.limits
+    (low, high), gains = code.runtime.limits, export.modes[index].controller.gains
     return {
         "name": export.mode_names[index],
         "member": _member(export.mode_names[index]),
-        "gains": export.modes[index].controller.gains,
+        "gains": gains,
+        **({} if code.runtime.derivative is None else {"derivative": _derivative(gains)}),
         "number": 1 + index,
         "limits": "none" if export.modes[index].limits is None else f"{low!r} to {high!r}",
         "limits_rate": code.runtime.limits_rate,
@@ -175,6 +177,12 @@ def _mode(export: SystemExport, index: int, code: ControllerCode) -> dict[str, A
         "macro": code.macro,
         "export_id": code.export_id,
     }
+
+
+def _derivative(gains: FoPi) -> str:
+    """A mode's derivative for the header."""
+    kd, mu, filter_s = derivative_of(gains)
+    return f", kd = {kd}{'' if mu == 1.0 else f', mu = {mu}'}, Tf = {filter_s} s"
 
 
 def _member(name: str) -> str:

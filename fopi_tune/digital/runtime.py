@@ -187,6 +187,11 @@ class Runtime:
         return self.proportional == 0.0 and self.derivative is None and self.measurement_filter is None
 
     @property
+    def can_take_turns(self) -> bool:
+        """Whether it may be one of two that take turns: beside a derivative it acts on r - y alone."""
+        return self.proportional == 0.0 and self.measurement_filter is None
+
+    @property
     def starts_at_first_sample(self) -> bool:
         """Whether the first sample after `init` and `reset` sets states, (6) and (7)."""
         remembers = self.derivative is not None or self.measurement_filter is not None
@@ -287,17 +292,6 @@ def track(
         added: as for `step`.
     """
     return _one_sample(runtime, state, setpoint, measurement, applied, added)
-
-
-def follow_from(runtime: Runtime, state: State, output: np.floating) -> State:
-    """The state whose next output is reached from one that another controller had, cut to the limits.
-
-    Args:
-        runtime: with a limit of the rate.
-        state: of which the sections' states stay.
-        output: of the other controller, in the precision.
-    """
-    return replace(state, output=runtime.stored.limited(output))
 
 
 @np.errstate(all="ignore")

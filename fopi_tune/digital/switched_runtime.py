@@ -10,6 +10,10 @@ the active controller steps as in `runtime`.  The other one's memory is held, tr
 own limits, or starts anew, at an output of 0, when its mode is entered.  In the band the output is 0, and the memories
 of both do so.
 
+A derivative is that of the measurement, which both modes see: the measurements behind its lags, m_j of `runtime`, go on
+at every sample, whatever becomes of the memory.  So they are those of a controller that was never inactive, and a
+change of the mode is no kick.
+
 The actuator is one: where the rate of the entered mode's output is limited, its first output is reached from the last
 output of the other mode, or of the band, cut to its own limits.  A controller that tracked has tracked just that.
 
@@ -34,6 +38,7 @@ from fopi_tune.core.bode_form import Array
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
 from fopi_tune.core.terms.feedforward import Fed
 from fopi_tune.digital import runtime
+from fopi_tune.digital.inactive import follow_from, observe, restarted
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
 from fopi_tune.digital.vectors import Op, Operation
@@ -80,7 +85,7 @@ class SwitchedRuntime:
 
     Raises:
         DomainError: a half-width or lines that the precision does not hold, limits without 0 where the modes coast, a
-            dwell below 0, no such first mode, or a controller of more than the control error.
+            dwell below 0, no such first mode, or a controller with a weight of the setpoint or a measurement filter.
     """
 
     controllers: tuple[Runtime, Runtime]
@@ -97,8 +102,8 @@ class SwitchedRuntime:
             raise DomainError("modes that coast rest at an output of 0, which must lie within the limits of both")
         if wanted.min_dwell_samples < 0 or wanted.first not in (0, 1):
             raise DomainError(f"{wanted}: the dwell must be at least 0 and the first mode 0 or 1")
-        if not all(controller.acts_on_error for controller in self.controllers):
-            raise DomainError("two controllers that take turns have no derivative and setpoint_weight: 1")
+        if not all(controller.can_take_turns for controller in self.controllers):
+            raise DomainError("two controllers that take turns have setpoint_weight: 1 and no measurement_filter")
 
     @property
     def precision(self) -> Precision:
@@ -172,18 +177,19 @@ def step(pair: SwitchedRuntime, state: SwitchedState, setpoint: float, measureme
     if stayed >= switching.min_dwell_samples and wanted != mode:
         mode, stayed = wanted, 0
         if mode != COASTING and switching.memory is Memory.RESET:
-            memories[mode] = runtime.init(controllers[mode])
+            memories[mode] = restarted(controllers[mode], memories[mode])
         if mode != COASTING and controllers[mode].limits_rate and switching.memory is not Memory.TRACKING:
-            memories[mode] = runtime.follow_from(controllers[mode], memories[mode], state.output)
+            memories[mode] = follow_from(controllers[mode], memories[mode], state.output)
     applied, (added, last) = 0.0, _fed_forward(pair, state, setpoint, measurement)
     if mode != COASTING:
         memories[mode] = runtime.step(controllers[mode], memories[mode], setpoint, measurement, added[mode])
         applied = float(memories[mode].output)
-    if switching.memory is Memory.TRACKING:
-        for idle in {0, 1} - {mode}:
-            memories[idle] = runtime.track(
-                controllers[idle], memories[idle], setpoint, measurement, applied, added[idle]
-            )
+    for idle in {0, 1} - {mode}:
+        memories[idle] = (
+            runtime.track(controllers[idle], memories[idle], setpoint, measurement, applied, added[idle])
+            if switching.memory is Memory.TRACKING
+            else observe(controllers[idle], memories[idle], setpoint, measurement)
+        )
     return SwitchedState(mode, stayed, (memories[0], memories[1]), last)
 
 

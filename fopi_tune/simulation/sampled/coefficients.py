@@ -12,7 +12,7 @@ from fopi_tune.simulation.scenario import Hybrid
 
 
 def controller_coefficients(controller: Runtime, settings: Settings) -> Array:
-    """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
+    """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0, those of a derivative too."""
     end = SECTIONS + 3 * settings.sections
     low, high = controller.limits
     start = float(init(controller).output)
@@ -22,7 +22,8 @@ def controller_coefficients(controller: Runtime, settings: Settings) -> Array:
     rows[INTEGRATES:PROPORTIONAL] = controller.has_integrator, controller.most_change
     rows[PROPORTIONAL:FED_STATIC] = controller.proportional, controller.setpoint_weight
     if controller.derivative is not None:
-        rows[end:last:2], rows[end + 1 : last : 2] = controller.derivative.gains, controller.derivative.shares
+        for place, row in enumerate((controller.derivative.gains, controller.derivative.shares)):
+            rows[end + place : end + 2 * len(row) : 2] = row
     if used is not None:
         rows[last:] = used.share, used.damping or 0.0
     for place, row in enumerate((controller.poles, controller.weights, controller.residues)):

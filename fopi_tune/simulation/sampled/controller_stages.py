@@ -6,7 +6,8 @@ of its mode; where all lanes are in the same mode nothing has to be selected.
 Arguments that many stages share: s is the pointer to the scratch array, c the pointer to the coefficients of mode 1,
 `other` the offset of those of mode 2 (0 where there is nothing to select), `second` the mask of lanes in mode 2, e the
 error, v the controller's output before the limits and u within them, `first` the part of v that has no memory.  Weights
-of the setpoint and derivatives are those of a single controller.
+of the setpoint and measurement filters are those of a single controller; `filtered` are the rows of measurements behind
+the lags of a derivative.
 """
 
 from __future__ import annotations
@@ -155,7 +156,7 @@ def start_at_rest(s, c, other, second, offsets, settings, y):
             store_where(s, offsets.filtered + j * WIDTH, new, y)
         for j in range(settings.filter_order):
             store_where(s, offsets.lagged + j * WIDTH, new, y if j == 0 else broadcast(0.0))
-        if settings.sections > 0:
+        if settings.weighted and settings.sections > 0:
             offset = coefficient(c, PROPORTIONAL, other, second) * (
                 coefficient(c, SETPOINT_WEIGHT, other, second) * y - y
             )
@@ -180,23 +181,36 @@ def without_memory(s, c, other, second, offsets, settings, r, change, y, e):
     if settings.weighted:
         weighted = coefficient(c, SETPOINT_WEIGHT, other, second) * broadcast(r) - y
         v = coefficient(c, PROPORTIONAL, other, second) * weighted + v
+    return derived(s, c, other, second, offsets.filtered, settings, y, v)
+
+
+@_inlined
+def derived(s, c, other, second, filtered, settings, y, v):
+    """The terms of a derivative, taken off v one by one."""
     row = SECTIONS + 3 * settings.sections
     for j in range(settings.derivatives):
         gain = coefficient(c, row + 2 * j, other, second)
-        v = v - gain * (y - load(s, offsets.filtered + j * WIDTH))
+        v = v - gain * (y - load(s, filtered + j * WIDTH))
     return v
 
 
 @_inlined
-def filter_measurement(s, c, other, second, new, offsets, settings, y):
+def filter_measurement(s, c, other, second, filtered, new, settings, y):
     """Store the measurements behind the derivative's lags after a sample."""
-    resting, row = is_tiny(y), SECTIONS + 3 * settings.sections + 1
+    row = SECTIONS + 3 * settings.sections + 1
     for j in range(settings.derivatives):
-        m = load(s, offsets.filtered + j * WIDTH)
-        m = m + coefficient(c, row + 2 * j, other, second) * (y - m)
-        if bits(resting) != 0:
-            m = where(resting & is_tiny(m), broadcast(0.0), m)
-        store(s, new + j * WIDTH, m)
+        m = load(s, filtered + j * WIDTH)
+        store(s, new + j * WIDTH, m + coefficient(c, row + 2 * j, other, second) * (y - m))
+
+
+@_inlined
+def settle(s, filtered, settings, y):
+    """`flushed` of those measurements in lanes at rest."""
+    resting = is_tiny(y)
+    if bits(resting) != 0:
+        for j in range(settings.derivatives):
+            m = load(s, filtered + j * WIDTH)
+            store(s, filtered + j * WIDTH, where(resting & is_tiny(m), broadcast(0.0), m))
 
 
 @_inlined
@@ -276,7 +290,8 @@ def update_checked(s, c, other, second, offsets, settings, y, v, u):
     good, states, spare = is_finite(load(s, LAST_ERROR)) & is_finite(v), offsets.active, offsets.spare
     if settings.coasts:
         good = good & (load(s, COASTING) < broadcast(0.5))
-    filter_measurement(s, c, other, second, offsets.spare_filtered, offsets, settings, y)
+    filter_measurement(s, c, other, second, offsets.filtered, offsets.spare_filtered, settings, y)
+    settle(s, offsets.spare_filtered, settings, y)
     update_states(s, c, other, second, states, spare, settings.sections)
     for i in range(settings.sections):
         good = good & is_finite(load(s, spare + i * WIDTH))
@@ -298,7 +313,8 @@ def update_checked(s, c, other, second, offsets, settings, y, v, u):
 @_inlined
 def update_measured(s, c, other, second, offsets, settings, y):
     """What is remembered of the measurement, where nothing can overflow."""
-    filter_measurement(s, c, other, second, offsets.filtered, offsets, settings, y)
+    filter_measurement(s, c, other, second, offsets.filtered, offsets.filtered, settings, y)
+    settle(s, offsets.filtered, settings, y)
     for j in range(settings.filter_order):
         store(s, offsets.lagged + j * WIDTH, load(s, offsets.spare_lagged + j * WIDTH))
     if settings.starts_at_first_sample:

@@ -32,6 +32,7 @@ from fopi_tune.simulation.sampled.layout import (
     FINITE,
     GAIN,
     HIGH,
+    IDLE_IS_NEW,
     INTEGRATES,
     IS_NEW,
     LAST_ERROR,
@@ -79,7 +80,8 @@ def _initialise(s, block, table, controllers, settings, offsets):
     store(s, ARRIVED_MODE, mode)
     store(s, LAST_SWITCH, broadcast(-np.inf))
     store(s, SENT, broadcast(-1.0))
-    store(s, IS_NEW, broadcast(float(settings.starts_at_first_sample)))
+    for row in (IS_NEW, IDLE_IS_NEW):
+        store(s, row, broadcast(float(settings.starts_at_first_sample)))
     for which in range(1 + settings.hybrid):
         own = controllers[(settings.first_mode + which) % 2]
         begin = broadcast(own[START])
@@ -110,13 +112,12 @@ def _output(s, c, other, jumps, k, settings, offsets, other_old, setpoint, rate,
         up, down = switching_stages.line_crossings(s, k, measured, r, e, settings)
         crossing = bits(up | down) != 0
     if settings.coasts:
-        states = offsets.active, other_old
-        switching_stages.coast_or_enter(s, jumps, k, c, other, measured, r, e, *states, settings)
+        switching_stages.coast_or_enter(s, jumps, k, c, other, measured, r, e, other_old, offsets, settings)
         second = load(s, MODE) > broadcast(0.5)
         own, select = controller_stages.resolve_mode(c, other, second)
     if settings.coasts == 0 and crossing:
         v = switching_stages.switch_and_demand(
-            s, jumps, k, c, other, up, down, offsets.active, other_old, settings, update_due, e, setpoint
+            s, jumps, k, c, other, up, down, other_old, offsets, settings, update_due, measured, e, setpoint
         )  # fmt: skip
         second = load(s, MODE) > broadcast(0.5)
         own, select = controller_stages.resolve_mode(c, other, second)
@@ -193,19 +194,11 @@ def _sample(
         )
     applied = plant_stages.rate_limited(s, u, settings.most_change)
     if track:
-        first = load(s, MODE) < broadcast(0.5)
-        idle, either = controller_stages.resolve_mode(c, other, first)
-        held = load(s, OTHER_LAST_OUTPUT)
-        tracked = switching_stages.track_applied(
-            s, idle, either, first, other_old, other_new, settings, e, setpoint, applied, held
+        switching_stages.track_while_idle(
+            s, c, other, other_old, other_new, offsets, settings, measured, e, setpoint, applied
         )
-        store(s, OTHER_LAST_OUTPUT, tracked)
-        if settings.coasts:
-            left = load(s, MODE) > broadcast(0.5)
-            own, either = controller_stages.resolve_mode(c, other, left)
-            switching_stages.track_while_coasting(
-                s, own, either, left, offsets.active, offsets.spare, settings, e, setpoint, applied
-            )
+    elif settings.hybrid and settings.derivatives > 0:
+        switching_stages.observe_while_idle(s, c, other, offsets, settings, measured, e)
     if k >= settings.horizon:
         plant_stages.accumulate_measures(s, k, y, rate, r, u, applied, settings, c, other, steps)
     if settings.keep:

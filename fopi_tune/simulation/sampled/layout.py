@@ -29,8 +29,8 @@ TRACES = ("output", "rate", "measured", "error", "demanded", "applied", "mode", 
 #: just before the sample, control and load that act now, mode of that control, the same three one sample before, last
 #: output of the active and of the inactive controller, last error, excess u - v, switches in the window; of a rise the
 #: direction and the lanes that wait for its two levels, in three places, and y one sample before; whether the next
-#: sample is the controller's first; whether both outputs rest; y and its change at the last sample that counts; the
-#: sample at which the control that acts was sent
+#: sample is the active and the inactive controller's first; whether both outputs rest; y and its change at the last
+#: sample that counts; the sample at which the control that acts was sent
 PEAK_RATE, OVERSHOOT, OUTSIDE, IAE, ISE, SATURATED, PEAK_CONTROL = (WIDTH * i for i in range(7))
 SWITCHES, LONGEST_RUN, CHATTERING, FINAL_ERROR, FINITE, BEGUN, SETTLED, STEP_ERROR = (WIDTH * i for i in range(7, 15))
 UNDERSHOOT, REACHED, RISEN, RISE, PEAK_JERK = (WIDTH * i for i in range(15, 20))
@@ -38,7 +38,8 @@ RUN, LAST_SWITCH, APPLIED, MODE, PREVIOUS_INPUT, CONTROL, LOAD, ARRIVED_MODE = (
 OLD_CONTROL, OLD_LOAD, OLD_ARRIVED_MODE, LAST_OUTPUT, OTHER_LAST_OUTPUT, LAST_ERROR, EXCESS, RECENT_SWITCHES = (
     WIDTH * i for i in range(28, 36)
 )
-RISING, RISING_OUTPUT, IS_NEW, COASTING, OUTPUT, CHANGE, SENT, NOISE = (WIDTH * i for i in range(36, 44))
+RISING, RISING_OUTPUT, IS_NEW, COASTING, OUTPUT, CHANGE, SENT, IDLE_IS_NEW = (WIDTH * i for i in range(36, 44))
+NOISE = WIDTH * 44
 #: four rows, of the noise of four samples, and again; a vector may be read from the last entry of these
 TAILS = NOISE + 4 * WIDTH
 #: rows with a fixed offset
@@ -109,7 +110,8 @@ class Settings(NamedTuple):
 
 class ScratchLayout(NamedTuple):
     """Offsets in the scratch array: states x of the plant, its coefficients, next states, then controllers' states, the
-    measurements behind the derivative's lags, and those of a measurement filter last."""
+    measurements behind the lags of the active and of the inactive controller's derivative, and those of a measurement
+    filter last."""
 
     x: int
     plant: int
@@ -119,6 +121,7 @@ class ScratchLayout(NamedTuple):
     inactive_0: int
     inactive_1: int
     filtered: int
+    idle_filtered: int
     spare_filtered: int
     lagged: int
     spare_lagged: int
@@ -127,6 +130,6 @@ class ScratchLayout(NamedTuple):
 
 def scratch_layout(order: int, plant_rows: int, sections: int, derivatives: int, filter_order: int) -> ScratchLayout:
     """The layout for an order of plant, its number of coefficients, and the controllers' numbers of sections."""
-    rows = (order, plant_rows, order, sections, sections, sections, sections, derivatives, derivatives)
-    rows = (*rows, filter_order, filter_order)
+    rows = (order, plant_rows, order, sections, sections, sections, sections)
+    rows = (*rows, derivatives, derivatives, derivatives, filter_order, filter_order)
     return ScratchLayout(*(int(WIDTH * place) for place in np.cumsum((FIXED_ROWS, *rows))))

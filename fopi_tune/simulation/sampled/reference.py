@@ -12,6 +12,7 @@ import numpy as np
 
 from fopi_tune.core.switching_lines import SwitchingLines
 from fopi_tune.digital import runtime
+from fopi_tune.digital.inactive import follow_from, observe, restarted
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime, State
 from fopi_tune.simulation.sampled.mode_plants import Segments
@@ -87,11 +88,14 @@ class _ReferenceLoop:
             self.memory[self.mode] = runtime.step(controller, self.memory[self.mode], reference, measured, added)
             demanded = float(self.memory[self.mode].output)
         self._actuate(demanded)
-        if scenario.hybrid is not None and scenario.hybrid.inactive is InactiveController.TRACK:
+        if scenario.hybrid is not None:
             for idle in (0, 1) if self.coasting else (1 - self.mode,):
-                self.memory[idle] = runtime.track(
-                    self.controllers[idle], self.memory[idle], reference, measured, self.last, self._fed(k, idle)
-                )
+                own, state = self.controllers[idle], self.memory[idle]
+                if scenario.hybrid.inactive is InactiveController.TRACK:
+                    state = runtime.track(own, state, reference, measured, self.last, self._fed(k, idle))
+                else:
+                    state = observe(own, state, reference, measured)
+                self.memory[idle] = state
         self.applied.append(self.last)
         self.modes.append(self.mode)
         after = self._rate_after(k, rate) if scenario.hybrid is None else 0.0
@@ -161,9 +165,9 @@ class _ReferenceLoop:
             low, high = self.controllers[self.mode].limits
             self.last = min(max(self.last, low), high)
             if hybrid.inactive is InactiveController.RESET:
-                self.memory[self.mode] = runtime.init(self.controllers[self.mode])
+                self.memory[self.mode] = restarted(self.controllers[self.mode], self.memory[self.mode])
             if self.controllers[self.mode].limits_rate and hybrid.inactive is not InactiveController.TRACK:
-                self.memory[self.mode] = runtime.follow_from(self.controllers[self.mode], self.memory[entered], output)
+                self.memory[self.mode] = follow_from(self.controllers[self.mode], self.memory[entered], output)
 
     def _entered(self, measured: float, reference: float, lines: SwitchingLines) -> int | None:
         """The mode that is entered, -1 for coasting; None where the state stays."""

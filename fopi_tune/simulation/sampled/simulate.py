@@ -143,10 +143,8 @@ def _count(modes: Sequence[Mode], scenario: Scenario, count: int | None) -> int:
     """Number of plants, after checking that modes and scenario fit together."""
     if len(modes) != (1 if scenario.hybrid is None else 2):
         raise DomainError(f"{counted(len(modes), 'mode')}: one without `hybrid`, two with it")
-    if scenario.hybrid is not None and not all(mode.controller.acts_on_error for mode in modes):
-        raise DomainError(
-            "two controllers that take turns have no derivative and setpoint_weight: 1, and no measurement_filter"
-        )
+    if scenario.hybrid is not None and not all(mode.controller.can_take_turns for mode in modes):
+        raise DomainError("two controllers that take turns have setpoint_weight: 1 and no measurement_filter")
     given = {len(mode.plants) for mode in modes if isinstance(mode.plants, Plants)}
     if count is not None:
         given.add(count)
