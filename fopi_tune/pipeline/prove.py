@@ -48,11 +48,7 @@ def prove(source: Source, gains: FoPi, tolerance: float = 1e-6) -> Check:
             f"{spec.controller.measurement_filter}; give gains with that one"
         )
     spec.controller.refuse_other_weight(gains)
-    if not spec.controller.has_structure_of(gains):
-        raise DomainError(
-            "the gains are of another structure than the spec's controller; give a Pid, or with structure fopid a "
-            "FoPid, with the spec's derivative_filter_time_constant_s, and a FoPi where there is no derivative"
-        )
+    spec.controller.refuse_other_structure(gains)
     implementation = designed_implementation(spec, gains)
     found = verify(spec, gains, tolerance, implementation)
     certificate = None if spec.is_measured else certify(spec, found, certificate_versions(), implementation)

@@ -130,6 +130,7 @@ def refuse_system_simulation(
     refuse_unknown_modes(system, gains or {})
     point = plant_point(system.family, override_validation(system.validation, samples, seed), plant, replay)
     for mode in system.modes if exact else ():
+        mode.spec.controller.refuse_derivative(f"{mode.name}: the exact simulation of a system in continuous time")
         if mode.spec.digital is not None and mode.spec.digital.output_rate_per_s is not None:
             raise DomainError(
                 f"{mode.name}: output_rate_per_s belongs to the loop on samples; leave it or `exact=True` out"

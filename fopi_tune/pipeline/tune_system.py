@@ -120,7 +120,7 @@ def refuse_unknown_modes(system: SystemSpec, gains: Mapping[str, FoPi]) -> None:
     """Refuse gains of a mode that does not exist, and what are no gains.
 
     Raises:
-        DomainError: there is no such mode, or its gains are None or no controller.
+        DomainError: there is no such mode, or its gains are None, no controller, or of another structure.
     """
     names = [mode.name for mode in system.modes]
     if not isinstance(gains, Mapping):
@@ -129,8 +129,17 @@ def refuse_unknown_modes(system: SystemSpec, gains: Mapping[str, FoPi]) -> None:
         )
     if unknown := [name for name in gains if name not in names]:
         raise DomainError(f"there is no mode {unknown[0]!r}; there is {' and '.join(names)}")
-    for each in gains.values():
-        refuse_no_gains(each)
+    for mode in system.modes:
+        if mode.name not in gains:
+            continue
+        refuse_no_gains(gains[mode.name])
+        # gains that are all 0 are of every structure; stages that need a controller say so
+        if gains[mode.name].is_zero:
+            continue
+        try:
+            mode.spec.controller.refuse_other_structure(gains[mode.name])
+        except DomainError as error:
+            raise DomainError(f"{mode.name}: {error}") from None
 
 
 def _verified(system: SystemSpec, name: str, gains: FoPi) -> Verification:

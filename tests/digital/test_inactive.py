@@ -20,7 +20,7 @@ from fopi_tune.digital.runtime import Runtime, init, reset, step
 from fopi_tune.digital.switched_runtime import COASTING, SwitchedRuntime, replay
 from fopi_tune.digital.switched_runtime import init as pair_init
 from fopi_tune.digital.switched_runtime import step as pair_step
-from fopi_tune.digital.system_vectors import system_operations
+from fopi_tune.digital.system_vectors import system_vector_table
 from fopi_tune.digital.vectors import NOT_FINITE, Op, Operation, in_float32
 from tests.digital.test_export_system_c import TS, built, exported, mode_export, replayed, with_each_compiler
 from tests.digital.test_switched_runtime import simulated
@@ -88,7 +88,9 @@ def test_the_pair_is_the_compiled_simulation_bit_for_bit(mix: str, memory: Memor
 
 @pytest.mark.parametrize("precision", Precision)
 @pytest.mark.parametrize("gains", [PID, ORDERS])
-def test_the_measurements_behind_the_lags_are_those_of_a_controller_that_steps(gains: Pid, precision: Precision) -> None:
+def test_the_measurements_behind_the_lags_are_those_of_a_controller_that_steps(
+    gains: Pid, precision: Precision
+) -> None:
     runtime = Runtime.of(mode_export("a", gains, (-1.0, 1.0)).controller.sections, precision, (-1.0, 1.0))
     draw, idle, active = random.Random(3), init(runtime), init(runtime)
     for k in range(400):
@@ -130,13 +132,33 @@ def test_a_change_of_the_mode_is_no_kick_of_the_derivative(memory: Memory, lines
     np.testing.assert_allclose(late, steady, rtol=1e-3)
 
 
-def test_a_hundred_thousand_random_samples_are_the_same_in_c_and_plainly(tmp_path: Path) -> None:
-    """As many as a long drive has, with numbers that are not finite and resets."""
-    export = system("both", Switching(BAND, Memory.HELD, 2), (2.0, None))
-    pair = pair_of(export)
-    operations = system_operations(pair, seed=5, mixed=2000)
-    assert len({repr(in_float32(each)) for each in operations}) > 2000
-    outputs, modes = replay(pair, operations)
+@with_each_compiler
+@pytest.mark.parametrize("count", [4000, pytest.param(100_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("memory", [Memory.HELD, Memory.TRACKING])
+def test_a_long_drive_is_the_same_bits_in_c(tmp_path: Path, memory: Memory, count: int, compiler: str) -> None:
+    export = system("both", Switching(BAND, memory, 2), (2.0, None))
+    double, single = (pair_of(export, precision) for precision in (Precision.FLOAT64, Precision.FLOAT32))
+    operations = long_drive(count)
+    outputs, modes = replay(double, operations)
     assert set(modes.tolist()) == {COASTING, 0, 1}
     assert {-1.0, 0.0, 1.0} <= set(outputs.tolist())
-    assert tmp_path.is_dir()
+    program = built(export_system_c(export), tmp_path, compiler, "-O2")
+    (tmp_path / "run.csv").write_text(system_vector_table(double, single, operations), encoding="ascii")
+    done = replayed(program, "run.csv")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def long_drive(count: int) -> list[Operation]:
+    """A setpoint that jumps and a measurement that follows it with noise; numbers not finite, and resets."""
+    draw, rows, level = random.Random(8), [Operation(Op.INIT)], 0.0
+    while len(rows) < count:
+        setpoint, noise = draw.uniform(0.0, 20.0), draw.choice((0.0, 0.05, 1.0))
+        for _ in range(draw.randrange(5, 80)):
+            level += 0.1 * (setpoint - level)
+            measured = level + noise * draw.uniform(-1.0, 1.0)
+            if draw.random() < 0.01:
+                measured = draw.choice(NOT_FINITE)
+            rows.append(Operation(Op.STEP, setpoint, measured))
+        if draw.random() < 0.05:
+            rows.append(Operation(Op.RESET, output=draw.choice((0.0, 0.5, -3.0, *NOT_FINITE))))
+    return [in_float32(row) for row in rows[:count]]

@@ -2,7 +2,8 @@
 
 Nothing of the package is used but the coefficients of the digital filters, which are tested elsewhere:  with
 e = r - y a controller gives v = d e + sum x_k and u = v within its limits and the rate, and goes on with
-x_k <- p_k (x_k + w_k g (u - v)) + r_k e.
+x_k <- p_k (x_k + w_k g (u - v)) + r_k e.  A derivative is a textbook's,
+(2 Tf + Ts) d <- (2 Tf - Ts) d - 2 kd (y - y'), of the measurement y after y', and is added to v.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ class Part:
     #: output unit per s: at 0 the output stays while it is driven by less
     hold_below: float = -np.inf
     dead_time_s: float = 0.0
+    kd: float = 0.0
+    derivative_filter_s: float = 1.0
+    derivative: float = 0.0
     #: what was made of a time, for times that come again
     steps: dict[float, np.ndarray] = field(default_factory=dict)
     x: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -82,10 +86,16 @@ class Part:
         """What the setpoint adds."""
         return self.static_gain * r + self.rate_gain * rate
 
+    def differentiate(self, change: float, sample_time_s: float) -> None:
+        """One sample of the derivative, whether the controller acts or not."""
+        twice = 2.0 * self.derivative_filter_s
+        self.derivative = (twice - sample_time_s) * self.derivative - 2.0 * self.kd * change
+        self.derivative /= twice + sample_time_s
+
     def step(self, e: float, added: float, sample_time_s: float) -> float:
         """One sample of the controller that acts."""
         p, r, w = (np.array(self.filter[name]) for name in ("poles", "residues", "weights"))
-        v = self.filter["direct"] * e + added  # pyright: ignore[reportOperatorIssue]
+        v = self.filter["direct"] * e + added + self.derivative  # pyright: ignore[reportOperatorIssue]
         for each in self.x:
             v = v + each
         u = min(max(v, self.limits[0]), self.limits[1])
@@ -94,10 +104,11 @@ class Part:
         self.last = u
         return u
 
-    def follow(self, e: float, added: float, applied: float) -> None:
-        """One sample of a controller that tracks what is applied."""
-        u = min(max(applied, self.limits[0]), self.limits[1])
+    def follow(self, e: float, added: float, applied: float, sample_time_s: float) -> None:
+        """One sample of a controller that tracks what is applied: a sample like this one would give just that."""
+        u, twice = min(max(applied, self.limits[0]), self.limits[1]), 2.0 * self.derivative_filter_s
         rest = self.filter["direct"] * e + added  # pyright: ignore[reportOperatorIssue]
+        rest = rest + (twice - sample_time_s) / (twice + sample_time_s) * self.derivative
         for k in range(1, len(self.x)):
             self.x[k] = self.filter["poles"][k] * self.x[k]  # pyright: ignore
             rest = rest + self.x[k]
@@ -181,12 +192,14 @@ def drive(
                     part.begin()
                 if part.rate_per_s < np.inf and words.get("inactive") != "tracking":
                     part.last = min(max(applied, part.limits[0]), part.limits[1])
+        for part in parts:
+            part.differentiate(y - (outputs[-1] if outputs else y), sample_time_s)
         plant = plant if state == 0 else state - 1
         u = parts[plant].step(r - y, parts[plant].fed(r, rate), sample_time_s) if state else 0.0
         if words.get("inactive") == "tracking":
             for k, part in enumerate(parts):
                 if k != state - 1:
-                    part.follow(r - y, part.fed(r, rate), u)
+                    part.follow(r - y, part.fed(r, rate), u, sample_time_s)
         outputs.append(y)
         states.append(state)
         sent.append((u, plant))

@@ -10,7 +10,7 @@ from oracles.two_modes import Part, drive
 from ruamel.yaml import YAML
 
 import fopi_tune as ft
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, Pid
 from fopi_tune.digital.discretize import sections_of
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
@@ -44,13 +44,18 @@ def part_of(mode: dict, spec: dict, folder: Path = FOLDER) -> Part:
         numerator, denominator = (tuple(map(number, plant[key])) for key in ("numerator", "denominator"))
     digital = load_spec(folder / mode["spec"]).digital
     assert digital is not None
-    sections = sections_of(FoPi(gains["kp"], gains["ki"], gains["alpha"]), digital)
+    sections = sections_of(FoPi(gains["kp"], gains["ki"], gains.get("alpha", 1.0)), digital)
+    if "kd" in gains:
+        filter_s = spec["controller"]["derivative_filter_time_constant_s"]
+        sections = sections_of(Pid(gains["kp"], gains["ki"], gains["kd"], filter_s), digital)
     own = Runtime.of(sections, Precision.FLOAT64, tuple(mode["output_limits"]))
     filter_of = {
         "direct": own.direct, "poles": own.poles, "residues": own.residues, "weights": own.weights,
         "tracking_gain": own.tracking_gain, "integrates": own.has_integrator,
     }  # fmt: skip
     part = Part(numerator, denominator, filter_of, own.limits, mode.get("output_rate_per_s", np.inf))
+    part.kd = gains.get("kd", 0.0)
+    part.derivative_filter_s = spec.get("controller", {}).get("derivative_filter_time_constant_s", 1.0)
     part.dead_time_s = number(plant.get("dead_time_s", 0.0))
     fed = mode.get("feedforward", {})
     if fed == "inverse_of_nominal_lag":

@@ -149,6 +149,18 @@ class ControllerSpec:
                 "the gains have a setpoint_weight of their own, and the spec gives it; leave it out of the gains"
             )
 
+    def refuse_other_structure(self, controller: FoPi) -> None:
+        """Refuse gains of another structure than this one, or with other filters.
+
+        Raises:
+            DomainError: they are.
+        """
+        if not self.has_structure_of(controller):
+            raise DomainError(
+                "the gains are of another structure than the spec's controller; give a Pid, or with structure fopid a "
+                "FoPid, with the spec's derivative_filter_time_constant_s, and a FoPi where there is no derivative"
+            )
+
     def refuse_filter_times(self, what: str) -> None:
         """Refuse a stage that needs the filters of one controller.
 

@@ -14,7 +14,6 @@ from fopi_tune.core.controller import FoPi
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.design.global_search.problem import Problem
 from fopi_tune.design.time_domain.loop_cuts import LoopCuts
-from fopi_tune.design.time_domain.numbers import Numbers
 from fopi_tune.design.time_domain.starts import gains_between
 from fopi_tune.digital.implementation import implementation_of
 from fopi_tune.errors import DomainError
@@ -105,11 +104,18 @@ class SystemProblem:
         share = qmc.Sobol(len(low), scramble=False).random(_SCATTERED)
         return np.vstack([self.corners, low + share * (high - low)])
 
+    @cached_property
+    def count(self) -> int:
+        """n of `gains`."""
+        return sum(cuts.numbers.count for cuts in self.loops.values())
+
     def gains(self, x: Array) -> dict[str, FoPi]:
-        """The gains of all modes at a point of the unit cube, three numbers a tuned mode; shape (3 modes,)."""
-        found = dict(self.fixed)
-        for place, mode in enumerate(self.tuned):
-            found[mode.name] = gains_between(Numbers(self.loops[mode.name].problem), x[3 * place : 3 * place + 3])
+        """The gains of all modes at a point of the unit cube, shape (n,), of the tuned modes' numbers in turn."""
+        found, place = dict(self.fixed), 0
+        for name, cuts in self.loops.items():
+            count = cuts.numbers.count
+            found[name] = gains_between(cuts.numbers, x[place : place + count])
+            place += count
         return found
 
     def judge(self, gains: Mapping[str, FoPi], points: Array) -> Judged | None:

@@ -113,7 +113,7 @@ class _Found:
 class _Search:
     def __init__(self, problem: SystemProblem) -> None:
         self.problem, self.points, self.evaluations = problem, problem.corners, 0
-        self.size = 3 * len(problem.tuned)
+        self.size = problem.count
 
     def best(self) -> _Found | None:
         """The best gains from scattered ones; None where none give stable loops."""

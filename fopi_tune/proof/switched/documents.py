@@ -15,6 +15,7 @@ from fopi_tune.core.parametric.family import EXPRESSIONS
 from fopi_tune.core.plant import PLANT_MODELS, PlantFamily, Uncertain
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold, turns_entry
 from fopi_tune.core.terms.feedforward import FeedForward
+from fopi_tune.digital.coefficients import MeasuredDerivative
 from fopi_tune.digital.realise import Precision
 from fopi_tune.digital.runtime import Runtime
 from fopi_tune.errors import CertificateError, DomainError
@@ -169,6 +170,7 @@ def _loop(loop: SwitchedLoop, proof: SaturatedLoopProof | None) -> dict[str, Any
             "tracking_gain": controller.tracking_gain,
             "limits": list(controller.limits),
             **({"most_change": controller.most_change} if controller.limits_rate else {}),
+            **({} if controller.derivative is None else {"derivative": _derivative(controller.derivative)}),
             "delay_samples": loop.delay_samples,
         },
         **({} if loop.feedforward is None else {"feedforward": asdict(loop.feedforward)}),
@@ -244,7 +246,20 @@ def _read_controller(entry: JsonObject) -> Runtime:
     if not low < high:
         raise CertificateError(f"{entry.place}.limits are empty")
     direct, gain, change = entry.number("direct"), entry.number("tracking_gain"), read_most_change(entry)
-    return Runtime(Precision.FLOAT64, direct, poles, residues, weights, gain, (low, high), change)
+    derivative = _read_derivative(entry.child("derivative")) if "derivative" in entry.value else None
+    parts = direct, poles, residues, weights, gain, (low, high), change
+    return Runtime(Precision.FLOAT64, *parts, derivative=derivative)
+
+
+def _derivative(found: MeasuredDerivative) -> dict[str, Any]:
+    return {"gains": list(found.gains), "shares": list(found.shares)}
+
+
+def _read_derivative(entry: JsonObject) -> MeasuredDerivative:
+    gains, shares = entry.numbers("gains"), entry.numbers("shares")
+    if not 0 < len(gains) == len(shares) <= _MOST_SECTIONS or not all(0.0 < share < 2.0 for share in shares):
+        raise CertificateError(f"{entry.place}: gains and shares are no derivative of at most {_MOST_SECTIONS} parts")
+    return MeasuredDerivative(gains, shares)
 
 
 def _read_plant(entry: JsonObject) -> PlantFamily:

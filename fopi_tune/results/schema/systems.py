@@ -22,6 +22,18 @@ class ThresholdEntry(TypedDict):
     absolute: float
 
 
+class RunningDerivative(TypedDict):
+    """A derivative as it runs, of a measurement y: -sum k (y - m), with m <- m + q (y - m).
+
+    Args:
+        gains: k, control unit per output unit.
+        shares: q, dimensionless.
+    """
+
+    gains: list[float]
+    shares: list[float]
+
+
 class RuntimeEntry(TypedDict):
     """A mode's controller as it runs.
 
@@ -33,6 +45,7 @@ class RuntimeEntry(TypedDict):
         tracking_gain: of the anti-windup, dimensionless.
         limits: of the control, in its unit, lower first.
         most_change: of the control from sample to sample, in its unit.
+        derivative: without one there is no entry.
         delay_samples: computing delay, in samples.
     """
 
@@ -43,6 +56,7 @@ class RuntimeEntry(TypedDict):
     tracking_gain: float
     limits: tuple[float, float]
     most_change: NotRequired[float]
+    derivative: NotRequired[RunningDerivative]
     delay_samples: float
 
 

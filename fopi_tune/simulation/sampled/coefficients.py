@@ -12,7 +12,7 @@ from fopi_tune.simulation.scenario import Hybrid
 
 
 def controller_coefficients(controller: Runtime, settings: Settings) -> Array:
-    """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0, those of a derivative too."""
+    """A controller's coefficients in the order of `layout`; missing sections are 0 and stay 0."""
     end = SECTIONS + 3 * settings.sections
     low, high = controller.limits
     start = float(init(controller).output)

@@ -11,6 +11,7 @@ from fopi_tune.core.controller import ALPHA_MAX, ALPHA_MIN, FoPi
 from fopi_tune.core.families.plant_list import PlantList
 from fopi_tune.core.fractional_plants.family import is_fractional
 from fopi_tune.core.measured.family import MeasuredFamily
+from fopi_tune.core.terms.controller_spec import ControllerSpec
 from fopi_tune.core.terms.feedforward import FeedForward
 from fopi_tune.errors import DomainError, SpecError
 from fopi_tune.spec.model import DesignSpec, ModeSpec, SystemSpec
@@ -20,6 +21,7 @@ from fopi_tune.spec.yaml.nodes import MappingNode, Place
 from fopi_tune.spec.yaml.records import Key, Record, Values, with_defaults_of
 from fopi_tune.spec.yaml.shapes import Choice, JsonSchema, ListOf, Number, Pair, PlainOrMapping, Shape, Text
 
+_EXAMPLE_GAINS = "{kp: 0.1, ki: 0.1, alpha: 0.8}"
 _INACTIVE = ("held", "tracking", "reset")
 INVERSE = "inverse_of_nominal_lag"
 
@@ -92,12 +94,20 @@ def _turns(names: tuple[str, str] | None) -> dict[str, Key]:
 
 
 def _mode_shape(name: str) -> Record:
-    order = Number("order of the integral", above=ALPHA_MIN, below=ALPHA_MAX)
-    gains = {"kp": Key(Number("proportional gain")), "ki": Key(Number("integral gain")), "alpha": Key(order)}
+    def order(of: str) -> Key:
+        return Key(Number(f"order of the {of}", above=ALPHA_MIN, below=ALPHA_MAX), required=False)
+
+    gains = {
+        "kp": Key(Number("proportional gain")),
+        "ki": Key(Number("integral gain")),
+        "alpha": order("integral; 1 of structure pid"),
+        "kd": Key(Number("derivative gain, of structure pid or fopid"), required=False),
+        "mu": order("derivative, of structure fopid"),
+    }
     keys = {
         "spec": Key(Text(f"path of the {name}'s spec, from this file's folder")),
         "gains": Key(
-            Record("its gains; tuned when left out", gains, _build_gains, "{kp: 0.1, ki: 0.1, alpha: 0.8}"), False
+            Record("its gains; tuned when left out", gains, lambda values, place: values, _EXAMPLE_GAINS), False
         ),
     }
     keys["output_limits"] = Key(Pair("limits of its control, in place of its spec's", Number("limit")), required=False)
@@ -135,9 +145,25 @@ def _feedforward_shape() -> Shape:
     return PlainOrMapping(Choice(meaning, (INVERSE,), f"the gains as {example}"), record)
 
 
-def _build_gains(values: Values, place: Place) -> FoPi | None:
+def _gains_of(box: ControllerSpec, values: Values, place: Place) -> FoPi | None:
+    """The controller of a mode's structure, or None after reporting why its gains are none of it."""
+    wanted = tuple(box.ranges)
+    for name in ("alpha", "kd", "mu"):
+        # the orders of a pid may be written
+        if name in wanted and name not in values:
+            place.refuse(
+                f"the gain {name} is missing; the mode's controller is of structure {box.structure}, whose gains are "
+                f"{', '.join(wanted)}"
+            )
+            return None
+        if name in values and name not in wanted and (name == "kd" or not box.has_derivative or values[name] != 1.0):
+            place.child(name).refuse(
+                f"the mode's controller is of structure {box.structure}, whose gains are {', '.join(wanted)}; leave "
+                f"{name} out, or write another structure in its spec"
+            )
+            return None
     try:
-        return FoPi(float(values["kp"]), float(values["ki"]), float(values["alpha"]))
+        return box.controller(**{"alpha": 1.0, **{name: float(value) for name, value in values.items()}})
     except DomainError as error:
         place.refuse(str(error))
         return None
@@ -175,7 +201,10 @@ def read_mode(name: str, values: Values, place: Place, loader: SpecLoader) -> Mo
     if "standstill" in values and len(spec.plant.assemble({})[1]) != 2:
         place.child("standstill").refuse(f"the {name}'s plant is of higher order, and would move on; write a lag")
         return None
-    return ModeSpec(name, spec, values.get("gains"), fed, values.get("standstill"))
+    gains = None
+    if "gains" in values and (gains := _gains_of(spec.controller, values["gains"], place.child("gains"))) is None:
+        return None
+    return ModeSpec(name, spec, gains, fed, values.get("standstill"))
 
 
 def _inverse_of(spec: DesignSpec) -> FeedForward | None:
@@ -193,11 +222,9 @@ def _problem(spec: DesignSpec) -> str | None:
         return "a mode's plant has whole orders in this version, and is no fractional one"
     if spec.digital is None:
         return "the spec has no section digital, which says how its controller runs; add one to it"
-    if spec.controller.has_derivative:
-        return (
-            "a mode's controller is of structure fopi or pi in this version: two that take turns know no "
-            f"{spec.controller.structure}"
-        )
+    if spec.controller.filter_times is not None:
+        names = " and ".join(spec.controller.filter_times.ranges)
+        return f"a mode's controller has filters of one time in this version; write one number for {names}"
     if spec.controller.measurement_filter is not None:
         return "a mode's controller has no measurement_filter in this version; remove it from its spec"
     if spec.controller.setpoint_weight != 1.0 or spec.controller.setpoint_weight_range is not None:

@@ -159,11 +159,11 @@ def test_measures_are_those_of_the_traces() -> None:
     np.testing.assert_allclose(found.peak_control, np.abs(traces.demanded).max(axis=1), rtol=1e-15)
 
 
-def test_two_modes_refuse_a_derivative_and_a_weight() -> None:
+def test_two_modes_refuse_a_weight() -> None:
     plant = Plants(np.array([[1.0]]), np.array([[LAG_S, 1.0]]), np.zeros(1))
     scenario = Scenario(TS, Signals(np.ones(5)), hybrid=Hybrid(0.1))
-    for controller in (made(PID), made(FOPID), made(FoPi(1.0, 1.0, 0.8), 0.5)):
-        with pytest.raises(DomainError, match="no derivative and setpoint_weight: 1"):
+    for controller in (made(PID, 0.5), made(FOPID, 0.5), made(FoPi(1.0, 1.0, 0.8), 0.5)):
+        with pytest.raises(DomainError, match="that take turns have setpoint_weight: 1"):
             simulate([Mode(controller, plant), Mode(controller, plant)], scenario)
 
 
