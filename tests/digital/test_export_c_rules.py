@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from cases.targets import ODD, STRUCTURES, exported
 
-from fopi_tune.core.controller import FoPi
+from fopi_tune.core.controller import FoPi, FoPid, Pid
 from fopi_tune.core.switching_lines import SwitchingLines, Threshold
 from fopi_tune.digital import Memory, Switching, export_c, export_system_c
 from tests.digital.test_export_system_c import exported as system
@@ -30,16 +30,22 @@ DEVIATIONS = {"misra-c2012-5.9", "misra-c2012-8.7", "misra-c2012-8.9"}
 #: of the modes of a system not every function is used
 UNUSED = {"unusedFunction", "staticFunction"}
 BAND = SwitchingLines(Threshold(0.9), Threshold(-0.7), Threshold(0.1), Threshold(8.0, True))
-#: hysteresis or lines, memory, dwell, whether a setpoint is fed forward, and whether rates are limited
+#: gains of both modes: one without an integral, and with derivatives
+PLAIN = FoPi(0.09, 0.025, 0.8), FoPi(0.07, 0.0, 1.0)
+DERIVED = Pid(0.09, 0.03, 0.05, 0.4), FoPid(0.07, 0.05, 0.8, 0.04, 0.7, 0.3)
+#: hysteresis or lines, memory, dwell, whether a setpoint is fed forward, whether rates are limited, gains
 SYSTEMS = {
-    "hysteresis": (0.5, Memory.RESET, 3, False, False),
-    "band": (BAND, Memory.RESET, 0, False, True),
-    "fed": (BAND, Memory.TRACKING, 2, True, True),
-    "lines": (SwitchingLines(Threshold(12.3, True), Threshold(-0.7)), Memory.HELD, 0, True, False),
+    "hysteresis": (0.5, Memory.RESET, 3, False, False, PLAIN),
+    "band": (BAND, Memory.RESET, 0, False, True, PLAIN),
+    "fed": (BAND, Memory.TRACKING, 2, True, True, PLAIN),
+    "lines": (SwitchingLines(Threshold(12.3, True), Threshold(-0.7)), Memory.HELD, 0, True, False, PLAIN),
+    "derived": (BAND, Memory.RESET, 3, True, True, DERIVED),
+    "derived_held": (0.5, Memory.HELD, 0, False, False, DERIVED),
+    "derived_tracking": (0.5, Memory.TRACKING, 0, True, False, DERIVED),
 }
 NAMES = [*STRUCTURES, *ODD, *SYSTEMS]
 #: every part of a controller, limits alone, and both kinds of switching
-EACH_TIME = ["all", "fopi", "fed", "band"]
+EACH_TIME = ["all", "fopi", "fed", "band", "derived"]
 every_export = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.long] * (name not in EACH_TIME)) for name in NAMES]
 )
@@ -49,11 +55,11 @@ every_export = pytest.mark.parametrize(
 def files_of(name: str) -> dict[str, str]:
     if name not in SYSTEMS:
         return export_c(exported(name))
-    turns, memory, dwell, is_fed, has_rate = SYSTEMS[name]
+    turns, memory, dwell, is_fed, has_rate, gains = SYSTEMS[name]
     fed = ((0.03, 0.2), (0.011, 0.0)) if is_fed else ()
     modes = [
-        mode_export("throttle", FoPi(0.09, 0.025, 0.8), (0.0, 1.0)),
-        mode_export("brake", FoPi(0.07, 0.0, 1.0), (-1.0, 0.0)),
+        mode_export("throttle", gains[0], (0.0, 1.0)),
+        mode_export("brake", gains[1], (-1.0, 0.0)),
     ]
     modes = [replace(mode, rate_per_s=0.5) for mode in modes] if has_rate else modes
     return export_system_c(system(Switching(turns, memory, dwell, fed=fed), modes=tuple(modes)))
