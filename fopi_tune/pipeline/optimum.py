@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from fopi_tune.core.controller import FoPi, refuse_no_gains, refuse_zero_gains
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.terms.numbers import plain_number
+from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.prove import other_text, with_digest_of
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.lists.members import refuse_list, refuse_measured
