@@ -22,7 +22,7 @@ def recheck_file(file: str, spec_file: str | None, options: OutputOptions) -> Ex
     try:
         document = read_json(file, MAX_CERTIFICATE_BYTES)
     except OSError as error:
-        say(f"{file}: cannot be read ({reason_of(error)}); check the path")
+        say(f"{file or repr('')}: cannot be read ({reason_of(error)}); check the path")
         return Exit.BAD_INPUT
     except DomainError as error:
         say(f"{file}: {error}; give the certificate.json (or optimum.json) of a result")

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.parallel_form import Implementation
+from fopi_tune.core.terms.numbers import refuse_no_flag
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.tune_system import mode_gains
 from fopi_tune.proof import Verification, certify, verify
@@ -36,6 +37,7 @@ def discretize(source: Source, gains: FoPi, proof: bool = True) -> Discretized:
     """
     spec = load_spec(source)
     refuse_no_gains(gains)
+    refuse_no_flag("proof", proof)
     spec.controller.refuse_other_weight(gains)
     return discretized(spec, gains, proof)
 

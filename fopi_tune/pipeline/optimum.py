@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from fopi_tune.core.controller import FoPi, refuse_no_gains, refuse_zero_gains
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.terms.numbers import plain_number
+from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.prove import other_text, with_digest_of
 from fopi_tune.spec import load_spec
 from fopi_tune.spec.lists.members import refuse_list, refuse_measured
@@ -53,15 +54,25 @@ def certify_optimum(
 
 
 def refuse_without_bound(spec: DesignSpec) -> None:
-    """Refuse plants that the proof of the optimum does not know, before gains are searched for it.
+    """Refuse plants and measures that the proof of the optimum does not know, before gains are searched for it.
 
     Raises:
-        DomainError: a list, a fractional plant, or measured responses.
+        DomainError: a list, a fractional plant, measured responses, or a requirement or objective of a scenario.
     """
     what = "the proof of the optimum"
     refuse_list(spec, what)
     refuse_fractional_family(spec.plant, what, "it bounds polynomials in s")
     refuse_measured(spec, what)
+    _refuse_scenarios(spec)
+
+
+def _refuse_scenarios(spec: DesignSpec) -> None:
+    # without them "better gains" may miss a requirement, and the objective has no value
+    if spec.designs_scenarios:
+        raise DomainError(
+            "the proof of the optimum knows nothing of what scenarios measure; leave it out, or write requirements "
+            "and an objective of the frequency response"
+        )
 
 
 def recheck_optimum(document: object, source: Source) -> OptimumRecheck:
@@ -74,9 +85,11 @@ def recheck_optimum(document: object, source: Source) -> OptimumRecheck:
     Raises:
         CertificateError: the document is not of an optimum.
         SpecError: the spec cannot be read, or has mistakes.
+        DomainError: the spec has a requirement or an objective of a scenario.
     """
     from fopi_tune.optimum import recheck_optimum
 
     spec = load_spec(source)
+    _refuse_scenarios(spec)
     found = recheck_optimum(document, with_digest_of(spec, document))
     return replace(found, notes=other_text(spec, document))

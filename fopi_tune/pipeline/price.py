@@ -30,7 +30,9 @@ def price(design: Design) -> Design:
         DomainError: another result, such as one that was loaded from a folder.
     """
     if not isinstance(design, Design):
-        raise DomainError(f"a {type(design).__name__} has no multipliers to check; give the Design that tune returns")
+        raise DomainError(
+            f"an object of type {type(design).__name__} has no multipliers to check; give the Design that tune returns"
+        )
     gains = design.gains
     if design.status is not Status.SOLVED or gains is None:
         return design

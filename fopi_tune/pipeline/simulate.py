@@ -14,7 +14,7 @@ from fopi_tune.core.fractional_plants.family import refuse_fractional_family
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
 from fopi_tune.core.plant import Plant
-from fopi_tune.core.terms.numbers import whole_number
+from fopi_tune.core.terms.numbers import refuse_no_flag, whole_number
 from fopi_tune.errors import DomainError
 from fopi_tune.pipeline.responses import default_of
 from fopi_tune.pipeline.scenario_results import (
@@ -75,6 +75,7 @@ def simulate(
     replay = None if replay is None else whole_number("replay", replay)
     spec = load_spec(source)
     refuse_no_gains(gains)
+    refuse_no_flag("exact", exact)
     spec.controller.refuse_other_weight(gains)
     refuse_measured(spec, "a simulation")
     drawn = override_validation(spec.validation, samples, seed)

@@ -11,7 +11,7 @@ import numpy as np
 from fopi_tune.core.controller import FoPi
 from fopi_tune.core.loops import Plants
 from fopi_tune.core.parallel_form import Implementation
-from fopi_tune.core.terms.numbers import whole_number
+from fopi_tune.core.terms.numbers import refuse_no_flag, whole_number
 from fopi_tune.errors import DomainError
 from fopi_tune.montecarlo.progress import logged_progress
 from fopi_tune.pipeline.scenario_results import (
@@ -70,6 +70,7 @@ def simulate_system(
     from fopi_tune.montecarlo.systems import hybrid_scenario, modes_of
 
     replay = None if replay is None else whole_number("replay", replay)
+    refuse_no_flag("exact", exact)
     system = load_system(source)
     validation = override_validation(system.validation, samples, seed)
     system = replace(system, validation=validation)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from fopi_tune.core.controller import FoPi, refuse_no_gains
 from fopi_tune.core.fractional_plants.family import refuse_fractional_family
+from fopi_tune.core.terms.numbers import refuse_no_flag
 from fopi_tune.digital.implementation import designed_implementation
 from fopi_tune.errors import DomainError, UnstableLoopError
 from fopi_tune.pipeline.assemble import assemble_design, new_violations
@@ -80,6 +81,10 @@ def tune(
             spec asks for and that cannot be made, or the convex search of a spec with requirements on scenarios.
     """
     asked = load_spec(source)
+    if isinstance(proof, FoPi):
+        raise DomainError("gains to start from are given by their name: tune(spec, start=gains)")
+    refuse_no_flag("proof", proof)
+    refuse_no_flag("bracket", bracket)
     if solver not in list(Solver):
         raise DomainError(
             f"there is no solver {solver!r}; there is {' and '.join(repr(each.value) for each in Solver)}"

@@ -71,8 +71,8 @@ def spec(entries: Mapping[str, Any] | None = None, /, **more: Any) -> DesignSpec
     """
     if not isinstance(entries, Mapping | None):
         raise DomainError(
-            f"a {type(entries).__name__} is no mapping of a spec's entries; give a dict or keywords, and "
-            "of a file or a text take load_spec"
+            f"an object of type {type(entries).__name__} is no mapping of a spec's entries; give a dict or keywords, "
+            "and of a file or a text take load_spec"
         )
     return load_spec({**(entries or {}), **more})
 
@@ -99,9 +99,10 @@ def _text_of(source: object) -> tuple[ProblemCollector, bytes]:
         return collector, to_bytes(source, collector)
     if not isinstance(source, str | os.PathLike):
         raise DomainError(
-            f"a {type(source).__name__} is no spec; give the path of a file, its text in YAML, a dict, or a DesignSpec"
+            f"an object of type {type(source).__name__} is no spec; give the path of a file, its text in YAML, a dict, "
+            "or a DesignSpec"
         )
-    collector = ProblemCollector(os.fsdecode(source))
+    collector = ProblemCollector(os.fsdecode(source) or "''")
     return collector, _read_file(source, collector)
 
 
@@ -238,7 +239,7 @@ def _read_file(path: str | os.PathLike[str], collector: ProblemCollector) -> byt
     except FileNotFoundError:
         collector.stop(Mark(1, 1), "", "there is no such file; check the path, or write one with `fopi init`")
     except IsADirectoryError:
-        collector.stop(Mark(1, 1), "", "is a directory; give the spec file in it")
+        collector.stop(Mark(1, 1), "", "this is a directory; give the spec file in it")
     except OSError as error:
         collector.stop(Mark(1, 1), "", f"cannot be read ({_reason(error)}); check the path and its permissions")
     return to_bytes(data, collector)

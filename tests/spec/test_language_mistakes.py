@@ -588,7 +588,7 @@ def test_a_controller_that_cannot_be_is_reported(text: str, expected: str) -> No
 def test_a_file_that_cannot_be_read_is_one_problem(tmp_path: Path) -> None:
     cases = {
         tmp_path / "missing.yaml": "there is no such file; check the path, or write one with `fopi init`",
-        tmp_path: "is a directory; give the spec file in it",
+        tmp_path: "this is a directory; give the spec file in it",
         # the reason is Python's, which words it by its version
         tmp_path / "a\0b": r"cannot be read \(.*embedded null.*\); check the path and its permissions",
     }
@@ -598,6 +598,11 @@ def test_a_file_that_cannot_be_read_is_one_problem(tmp_path: Path) -> None:
         (problem,) = caught.value.problems
         assert (problem.file, problem.line, problem.column, problem.path) == (str(path), 1, 1, "")
         assert re.fullmatch(message, problem.message)
+
+
+def test_an_empty_path_is_seen_in_the_message() -> None:
+    with pytest.raises(SpecError, match=r"^'':1:1: there is no such file"):
+        load_spec("")
 
 
 def test_a_file_below_a_file_cannot_be_read(tmp_path: Path) -> None:

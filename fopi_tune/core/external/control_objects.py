@@ -42,7 +42,7 @@ def coefficients_of(system: Any) -> tuple[Coefficients, Coefficients]:
 
     kind = type(system).__name__
     if not isinstance(system, control.TransferFunction | control.StateSpace):
-        raise DomainError(f"a {kind} is no plant; {_ADVICE}")
+        raise DomainError(f"an object of type {kind} is no plant; {_ADVICE}")
     if system.dt is not None and system.dt is not False and system.dt != 0:
         raise DomainError(f"this {kind} is in discrete time (dt = {system.dt}); {_ADVICE}")
     if (system.ninputs, system.noutputs) != (1, 1):

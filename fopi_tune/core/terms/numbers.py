@@ -67,6 +67,16 @@ def keep_plain(record: Any, *names: str) -> None:
         object.__setattr__(record, name, value)
 
 
+def refuse_no_flag(name: str, value: Any) -> None:
+    """Refuse what is neither True nor False: gains that stand where a flag belongs would count as yes.
+
+    Raises:
+        DomainError: it is neither.
+    """
+    if not isinstance(getattr(value, "item", lambda: value)(), bool):
+        raise DomainError(f"{name} = {value!r} is neither True nor False; give one of them")
+
+
 def whole_number(name: str, value: Any, least: int = 0) -> int:
     """A whole number as Python's int.
 

@@ -320,7 +320,7 @@ def plant_obstacle(loop: SwitchedLoop) -> str:
     if loop.hold_below_per_s is not None:
         return "a standstill is not modelled in this proof"
     if not loop.controller.acts_on_error:
-        return "a derivative is not modelled in this proof"
+        return "a derivative, a measurement filter and a setpoint weight are not modelled in this proof"
     if isinstance(loop.plant, ParametricFamily):
         return "plants by named parameters or zeros and poles are not handled; write a lag or a pole"
     if loop.plant.model not in ("lag", "pole"):

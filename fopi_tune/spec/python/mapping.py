@@ -118,7 +118,10 @@ def _scalar(value: Any, path: str) -> str | bool | int | float:
         return int(value) if isinstance(value, Integral) and size <= _LARGEST_WHOLE else float(value)
     if value is None:
         _refuse(path, "None is no value of a spec; leave the key out")
-    return _refuse(path, f"a {type(value).__name__} is no value of a spec; write a number, text, a list or a mapping")
+    return _refuse(
+        path,
+        f"an object of type {type(value).__name__} is no value of a spec; write a number, text, a list or a mapping",
+    )
 
 
 def _refuse(path: str, message: str) -> NoReturn:

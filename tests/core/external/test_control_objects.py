@@ -69,8 +69,11 @@ def test_a_stiff_state_space_keeps_its_small_coefficients() -> None:
         (control.ss([[0.5]], [[1.0]], [[1.0]], 0.0, True), "this StateSpace is in discrete time (dt = True)"),
         (control.tf([1, 0, 0], [1, 2]), "this TransferFunction is improper: the numerator's degree 2 exceeds"),
         (control.tf([[[1], [1]]], [[[1, 2], [1, 3]]]), "has 1 output and 2 inputs; give one of its entries"),
-        (control.frd([1, 2], [1, 2]), "a FrequencyResponseData is no plant; give a TransferFunction or StateSpace"),
-        ("4.39/(s+1)", "a str is no plant"),
+        (
+            control.frd([1, 2], [1, 2]),
+            "an object of type FrequencyResponseData is no plant; give a TransferFunction or StateSpace",
+        ),
+        ("4.39/(s+1)", "an object of type str is no plant"),
         (control.tf([0], [1, 1]), "the numerator is 0"),
         (control.ss(-np.eye(40), np.ones((40, 1)), np.ones((1, 40)), 0.0), "has 40 states; reduce it"),
     ],
