@@ -160,8 +160,9 @@ def _collected(study: StudyFile, bases: Sequence[BaseSpec]) -> tuple[Column, ...
 def _system_columns(base: BaseSpec) -> dict[Stage, tuple[str, ...]]:
     """The columns of a system, with the gains of the modes that are tuned."""
     system, _ = base.read_tree(base.tree)
-    modes = system.modes if isinstance(system, SystemSpec) else ()
-    tuned = [mode for name in system.tuned for mode in modes if mode.name == name] if modes else []
-    gains = [f"tune.gains.{mode.name}.{name}" for mode in tuned for name in mode.spec.controller.ranges]
+    gains: list[str] = []
+    if isinstance(system, SystemSpec):
+        boxes = {mode.name: mode.spec.controller for mode in system.modes}
+        gains = [f"tune.gains.{mode}.{name}" for mode in system.tuned for name in boxes[mode].ranges]
     found = {stage: (f"{stage}.status",) for stage in Stage}
     return {**found, Stage.TUNE: (*gains, "tune.objective")}

@@ -126,9 +126,7 @@ def test_what_refers_to_itself_is_refused() -> None:
 
 @pytest.mark.parametrize("source", [7, None, b"name: a", [1]])
 def test_what_is_no_spec_is_an_error_of_this_package(source: Any) -> None:
-    with pytest.raises(
-        ft.FopiError, match="an object of type [A-Za-z]+ is no spec; give the path of a file, its text in YAML, a dict"
-    ):
+    with pytest.raises(ft.FopiError, match=r"an object of type \w+ is no spec; give the path of a file, its text in"):
         ft.tune(source)
 
 
